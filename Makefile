@@ -133,18 +133,29 @@ $(FRAMEWORKS_STAMP): $(STAMP)
 		|| { all=no; echo "the extra [$$extra] cannot be installed here: its tests are skipped"; }; \
 	done; if [ $$all = yes ]; then touch $@; fi
 
-# The reader must be of the LLVM of rustc, or newer: that of rustup, or a package llvm-22.
+# The reader must be of the LLVM of rustc, or newer: that of rustup, or a package llvm-22. Both
+# kinds of tests count: the Python tests run with a copy of the package that has a counting core, in
+# one process, because workers may end without writing their counts.
 LLVM ?= $(lastword $(sort $(wildcard /usr/lib/llvm-2[2-9]/bin $(shell rustc --print sysroot)/lib/rustlib/*/bin)))
 COVERED := out/coverage
+COUNTING := LLVM_PROFILE_FILE='$(CURDIR)/$(COVERED)/%4m.profraw'
+COUNTED := RUSTC_WORKSPACE_WRAPPER='$(CURDIR)/.ci/covered' $(COUNTING)
 .PHONY: coverage
-coverage: ## what the Rust tests reach of the core (needs llvm-tools of rustup, or llvm-22)
+coverage: $(STAMP) ## what the tests reach of the solvers (needs llvm-tools of rustup, or llvm-22)
 	@test -x '$(LLVM)/llvm-cov' || { echo "no llvm-cov: rustup component add llvm-tools"; exit 1; }
 	rm -rf $(COVERED)
-	RUSTC_WORKSPACE_WRAPPER='$(CURDIR)/.ci/covered' LLVM_PROFILE_FILE='$(CURDIR)/$(COVERED)/%p-%m.profraw' \
-		cargo test $(CHECKED) --lib --tests
+	$(COUNTED) cargo test $(CHECKED) --lib --tests
+	$(COUNTED) cargo rustc $(CHECKED) --features python --lib --crate-type cdylib
+	mkdir -p $(COVERED)
+	cp -r python/bipot_rs $(COVERED)
+	cp target/release/libbipot_rs.so $(COVERED)/bipot_rs/_core.abi3.so
+	# Counting is slow: a test with a limit of time may fail. The table counts what ran.
+	-$(COUNTING) PYTHONPATH='$(CURDIR)/$(COVERED)' $(PY) -m pytest \
+		tests/python/contact tests/python/theory tests/python/test_fclib.py
 	$(LLVM)/llvm-profdata merge --sparse $(COVERED)/*.profraw -o $(COVERED)/merged
-	$(LLVM)/llvm-cov report --instr-profile $(COVERED)/merged --sources src/law src/reduced src/solver src/proof \
-		$$(for name in core bipot_rs; do ls -t target/release/deps/$$name-* | grep -v '\.[a-z]*$$' | head -n 1 | sed 's/^/--object /'; done)
+	$(LLVM)/llvm-cov export --instr-profile $(COVERED)/merged $(COVERED)/bipot_rs/_core.abi3.so \
+		$$(for name in core bipot_rs; do ls -t target/release/deps/$$name-* | grep -v '\.[a-z]*$$' | head -n 1 | sed 's/^/--object /'; done) \
+		| $(PY) .ci/coverage_table.py src/law src/reduced src/solver src/proof
 
 .PHONY: mutations
 mutations: $(STAMP) ## plant faults, one at a time, and see that the tests find each: half an hour

@@ -111,17 +111,6 @@ pub(super) fn translated<const D: usize>(
     (increment, status)
 }
 
-/// Projection onto the dual cone `K*_μ = {v : v_n ≥ μ‖v_t‖}`, by Moreau:
-/// `proj(x, K*) = x + proj(−x, K)`.
-#[must_use]
-pub fn project_dual<const D: usize>(x: &[f64; D], mu: f64) -> [f64; D] {
-    let (r, status) = project(&x.map(|component| -component), mu);
-    if status == Status::Open {
-        return *x;
-    }
-    std::array::from_fn(|k| x[k] + r[k])
-}
-
 /// Generalised Jacobian of [`project`] at `tau`, (14): one element of Clarke's
 /// set, the limit from inside the status that [`project`] returns.
 ///

@@ -33,9 +33,8 @@ pub fn contraction<const D: usize>(
         if k == 0 { mu / shape } else { mu * shape }
     };
     let tangents: Vec<usize> = (0..n).filter(|&i| monotonicity.contact(i).1 > 0).collect();
-    if tangents.is_empty() || common.alpha == 0.0 {
-        // Without friction nothing couples the two principles.
-        return Ok(tangents.is_empty().then_some(0.0));
+    if tangents.is_empty() {
+        return Ok(Some(0.0)); // without friction nothing couples the two principles
     }
     let m = tangents.len();
     let mut rough = Vec::with_capacity(m * m);

@@ -79,10 +79,6 @@ impl Ties {
         self.tied.push(tied);
     }
 
-    pub(super) fn len(&self) -> usize {
-        self.kept.len()
-    }
-
     /// The unknowns used, ascending.
     #[must_use]
     pub fn unknowns(&self) -> Vec<usize> {
@@ -111,7 +107,7 @@ impl Ties {
             .map(|(&kept, tied)| (at(kept), tied.map(|(unknown, f)| (at(unknown), f))))
             .collect();
         let entry = |i: usize, j: usize| a[j * all.len() + i];
-        let mut small = Vec::with_capacity(self.len().pow(2));
+        let mut small = Vec::with_capacity(self.kept.len().pow(2));
         for &(j, of_j) in &columns {
             for &(i, of_i) in &columns {
                 let mut sum = entry(i, j);

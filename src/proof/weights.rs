@@ -130,13 +130,8 @@ pub fn refined<const D: usize>(
     let mut least = 1.0 - start.kappa();
     let mut gap = tuning::gap_fall() * least.abs().max(0.1);
     let mut best = (f64::NEG_INFINITY, None);
-    let mut centre = None;
     for _ in 0..tuning::weight_rounds() {
-        let here = match centre.take() {
-            Some(here) => Some(here),
-            None => search.at(&weights, least - gap, stop)?,
-        };
-        let Some(here) = here else {
+        let Some(here) = search.at(&weights, least - gap, stop)? else {
             gap *= tuning::gap_rise(); // the estimate of the least eigenvalue lay above it
             continue;
         };

@@ -2,6 +2,7 @@
 //! coefficients and any size, and the invariants of the change of variables.
 
 #![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
+#![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 use std::borrow::Cow;
 
@@ -9,8 +10,11 @@ use bipot_rs::Error;
 use bipot_rs::law::bipotential::{gap, law_step};
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::elliptic::{project_elliptic, project_elliptic_increment};
-use bipot_rs::reduced::compliance::Compliance;
+use bipot_rs::linalg::sparse::blocks::Blocks;
+use bipot_rs::linalg::sparse::rows::OwnedMatrix;
+use bipot_rs::reduced::compliance::{Compliance, Part};
 use bipot_rs::reduced::elliptic_scaling::EllipticScaling;
+use bipot_rs::reduced::rotation::Rotation;
 use proptest::prelude::*;
 
 const EPS: f64 = f64::EPSILON;
@@ -222,6 +226,40 @@ fn compliance() -> Result<Compliance<'static, 3>, Error> {
     Compliance::from_dense(2, Cow::Owned(dense.collect()))
 }
 
+/// The same in sparse blocks.
+fn sparse() -> Compliance<'static, 3> {
+    let dense = compliance().unwrap().to_dense();
+    let blocks =
+        (0..4).flat_map(|at| (0..9).map(move |k| (3 * (at / 2) + k / 3, 3 * (at % 2) + k % 3)));
+    let entries: Vec<f64> = blocks.map(|(i, j)| dense[6 * i + j]).collect();
+    let blocks = Blocks::new(&[0, 2, 4], &[0, 1, 0, 1], &entries).unwrap();
+    Compliance::new(vec![(vec![0, 1], Part::Sparse(Cow::Owned(blocks)))]).unwrap()
+}
+
+#[test]
+fn sparse_blocks_are_those_of_the_dense_matrix() {
+    let (dense, sparse) = (compliance().unwrap(), sparse());
+    assert_eq!(sparse.to_dense(), dense.to_dense());
+    let (_, elliptic) = EllipticScaling::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
+    let elliptic = elliptic.unwrap();
+    let scaled = [&dense, &sparse].map(|w| w.scaled(&elliptic).unwrap().to_dense());
+    assert_eq!(scaled[0], scaled[1]);
+    let x = [[0.3, -1.0, 2.0], [0.5, 0.1, -0.7]];
+    for (contact, k) in (0..2).flat_map(|i| (0..3).map(move |k| (i, k))) {
+        let [a, b] = [&dense, &sparse].map(|w| w.exact_row(contact, k, &x).value());
+        assert_eq!(a, b);
+    }
+    let [a, b] = [&dense, &sparse].map(|w| {
+        let mut y = [[0.0; 3]; 2];
+        w.add_columns(1..3, &x, &mut y);
+        y
+    });
+    for (a, b) in a.as_flattened().iter().zip(b.as_flattened()) {
+        // Sums of four products in another order.
+        assert!((a - b).abs() <= 8.0 * EPS);
+    }
+}
+
 #[test]
 fn scaling_is_t_w_t_and_leads_back() {
     let (mu, elliptic) = EllipticScaling::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
@@ -290,4 +328,78 @@ fn invalid_coefficients_are_named() {
         assert!(told(wrong).starts_with(&expected), "{}", told(wrong));
     }
     assert!(EllipticScaling::new(&[[0.3, 3.1e-7]]).is_ok());
+}
+
+/// An orthogonal block: two turns and a reflection.
+fn orthogonal(a: f64, b: f64) -> [[f64; 3]; 3] {
+    let ((s, c), (t, d)) = (a.sin_cos(), b.sin_cos());
+    [[c, -s * d, s * t], [-s, -c * d, c * t], [0.0, t, d]]
+}
+
+/// `Q W Qᵀ` row by row, back by `Qᵀ`, and with scaled variables as after the scaling.
+#[test]
+fn rotated_frames_have_the_rotated_compliance() {
+    let frames = [orthogonal(0.4, 1.3), orthogonal(-2.0, 0.7)];
+    let whole: Vec<[f64; 3]> = frames.concat();
+    let transposed: Vec<[f64; 3]> = frames
+        .iter()
+        .flat_map(|q| std::array::from_fn::<_, 3, _>(|k| q.map(|row| row[k])))
+        .collect();
+    let (forth, back) = (
+        Rotation::new(&whole, None),
+        Rotation::new(&transposed, None),
+    );
+    let given = compliance().unwrap();
+    let turned = given.rotated(&forth).unwrap();
+    assert!(
+        turned.is_symmetric(),
+        "what is symmetric stays so to the bit"
+    );
+    let (w, made) = (given.to_dense(), turned.to_dense());
+    let q = |i: usize, j: usize| if i / 3 == j / 3 { whole[i][j % 3] } else { 0.0 };
+    for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
+        let pairs = (0..6).flat_map(|k| (0..6).map(move |l| (k, l)));
+        let sum: f64 = pairs.map(|(k, l)| q(i, k) * w[6 * k + l] * q(j, l)).sum();
+        // Nine products of numbers up to two.
+        assert!((made[6 * i + j] - sum).abs() <= 16.0 * EPS);
+    }
+    let close = |a: &[f64], b: &[f64]| {
+        assert_eq!(a.len(), b.len());
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 64.0 * EPS));
+    };
+    close(&turned.rotated(&back).unwrap().to_dense(), &w);
+    assert_eq!(sparse().rotated(&forth).unwrap().to_dense(), made);
+    let x = [[0.3, -1.0, 2.0], [0.5, 0.1, -0.7]];
+    assert_eq!(forth.contacts(), 2);
+    close(
+        back.times(&forth.times(&x)).as_flattened(),
+        x.as_flattened(),
+    );
+    let (_, elliptic) = EllipticScaling::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
+    let elliptic = elliptic.unwrap();
+    let of_scaled = Rotation::new(&whole, Some(&elliptic));
+    let after = given
+        .scaled(&elliptic)
+        .unwrap()
+        .rotated(&of_scaled)
+        .unwrap();
+    close(
+        &after.to_dense(),
+        &turned.scaled(&elliptic).unwrap().to_dense(),
+    );
+}
+
+#[test]
+fn rotated_rows_of_a_matrix_are_sorted_and_have_no_zeros() {
+    // Normal and second tangent change places; the rows are those of one contact.
+    let swap = Rotation::new(&[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], None);
+    let matrix = OwnedMatrix {
+        pointer: vec![0, 2, 2, 3],
+        index: vec![7, 2, 4],
+        values: vec![1.5, -2.0, 3.0],
+    };
+    let turned = matrix.rotated(&swap);
+    assert_eq!(turned.pointer, [0, 1, 1, 3]);
+    assert_eq!(turned.index, [4, 2, 7]);
+    assert_eq!(turned.values, [3.0, -2.0, 1.5]);
 }

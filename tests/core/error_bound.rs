@@ -1,8 +1,16 @@
-//! Verified Cholesky factors below a matrix, and their ellipsoids.
+//! Verified Cholesky factors below a matrix, their ellipsoids, and the error bounds made with
+//! them.
 
+#![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
+
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use crate::common::cases::Case;
 use bipot_rs::linalg::verified_cholesky::{VerifiedCholesky, is_definite};
+use bipot_rs::proof::error_bound::{BoundKind, Prepared, Reason};
+use bipot_rs::reduced::compliance::Compliance;
+use bipot_rs::solver::Method;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// `G Gᵀ + ridge`, column by column.
@@ -95,4 +103,117 @@ fn an_uncertain_side_is_covered() {
             assert!(shift + exact.radius * width <= wide.radius * width * (1.0 + 1e-12));
         }
     }
+}
+
+/// The bound of a point that is off by a known amount: it contains the solution, number by
+/// number and in energy, and is not much larger than the error. Counts the kinds.
+fn solution_is_within_its_bound<const D: usize>(mu: f64, seed: u64, kinds: &mut [usize; 3]) {
+    let stop = AtomicBool::new(false);
+    let case = Case::<D>::held(5, mu, seed);
+    let problem = case.problem();
+    let solution = case.solve(Method::Auto);
+    let exact = solution.reaction;
+    let bounds = Prepared::new(&problem, &stop).unwrap();
+    let mut rng = StdRng::seed_from_u64(seed);
+    for size in [1e-2, 1e-5, 1e-8] {
+        let mut point = exact.clone();
+        // Without friction no solution has a tangential reaction.
+        let components = if mu > 0.0 { D } else { 1 };
+        for r in &mut point {
+            for value in &mut r[..components] {
+                *value += size * rng.random_range(-1.0..1.0);
+            }
+        }
+        let bound = bounds.bound(&problem, (&point, &[]), None, &stop).unwrap();
+        kinds[match bound.kind {
+            BoundKind::Global => 0,
+            BoundKind::Local => 1,
+            BoundKind::NotAvailable(reason) => {
+                assert!(matches!(reason, Reason::Friction { .. }), "{reason:?}");
+                assert!(!bounds.unique() && bound.energy.is_infinite());
+                2
+            }
+        }] += 1;
+        if matches!(bound.kind, BoundKind::NotAvailable(_)) {
+            continue;
+        }
+        assert_eq!(bounds.unique(), bound.kind == BoundKind::Global);
+        assert!(bound.energy <= bound.alone_within);
+        let off: Vec<[f64; D]> = (0..5)
+            .map(|i| std::array::from_fn(|k| point[i][k] - exact[i][k]))
+            .collect();
+        let mut moved = off.clone();
+        problem.compliance.product(&off, &mut moved);
+        // The solution has η = 1e-12, and W a condition of some tens.
+        let slack = 1e-10;
+        let within = |off: &[[f64; D]], most: &[[f64; D]]| {
+            let pairs = off.as_flattened().iter().zip(most.as_flattened());
+            pairs.into_iter().all(|(x, most)| x.abs() <= most + slack)
+        };
+        assert!(within(&off, &bound.reaction) && within(&moved, &bound.relative_displacement));
+        let energy = dot(off.as_flattened(), moved.as_flattened()).sqrt();
+        assert!(energy <= bound.energy + slack);
+        // It falls with the change: to some tens of it, to some hundreds in a ball that is tried.
+        let most = if bounds.unique() { 2e2 } else { 1e4 };
+        assert!(bound.energy <= most * size, "{:e}", bound.energy);
+        if let Some(by_gap) = bound.energy_by_gap {
+            assert!(energy <= by_gap + slack);
+        }
+    }
+}
+
+#[test]
+fn bounds_contain_the_solution() {
+    let mut kinds = [0; 3];
+    for seed in 0..12 {
+        for mu in [0.0, 0.6, 8.0, 40.0] {
+            solution_is_within_its_bound::<2>(mu, seed, &mut kinds);
+            solution_is_within_its_bound::<3>(mu, seed, &mut kinds);
+        }
+    }
+    assert!(kinds.iter().all(|&n| n > 10), "{kinds:?}");
+}
+
+/// Each reason by a problem that has nothing else.
+#[test]
+fn no_bound_without_a_reason() {
+    let stop = AtomicBool::new(false);
+    let told = |w: [f64; 16], q: f64, r: [[f64; 2]; 2]| {
+        let mut case = Case::<2>::held(2, 0.3, 1);
+        case.compliance = Compliance::from_dense(2, Cow::Owned(w.to_vec())).unwrap();
+        case.q = vec![[q, 0.0], [-1.0, 0.5]];
+        let problem = case.problem();
+        let bounds = Prepared::new(&problem, &stop).unwrap();
+        let bound = bounds.bound(&problem, (&r, &[]), None, &stop).unwrap();
+        match bound.kind {
+            BoundKind::NotAvailable(reason) => reason.told(),
+            kind => (kind.name(), 0),
+        }
+    };
+    let diagonal = |d: [f64; 4]| std::array::from_fn(|k| if k % 5 == 0 { d[k / 5] } else { 0.0 });
+    let (one, free) = (diagonal([1.0; 4]), [[0.0; 2], [1.0, 0.0]]);
+    assert_eq!(told(one, 1.0, free), ("global", 0));
+    assert_eq!(
+        told(diagonal([0.0, 0.0, 1.0, 1.0]), -1.0, free),
+        ("no answer", 0)
+    );
+    assert_eq!(
+        told(diagonal([0.0, 0.0, 1.0, 1.0]), 0.0, free),
+        ("touching", 0)
+    );
+    assert_eq!(
+        told(diagonal([0.0, 0.0, 1.0, 1.0]), 1.0, free),
+        ("global", 0)
+    );
+    let pressed = [[1.0, 0.0], [1.0, 0.0]];
+    assert_eq!(
+        told(diagonal([0.0, 0.0, 1.0, 1.0]), 1.0, pressed),
+        ("impossible", 0)
+    );
+    assert_eq!(told(diagonal([1.0, 1.0, 1.0, 0.0]), 1.0, free), ("led", 1));
+    assert_eq!(
+        told(diagonal([1.0, 1.0, 1.0, -1.0]), 1.0, free),
+        ("not definite", 0)
+    );
+    assert_eq!(told(one, 1.0, [[0.0; 2], [1e300, 0.0]]), ("range", 0));
 }

@@ -5,11 +5,13 @@
 #![expect(clippy::cast_precision_loss, reason = "dimensions are 2 and 3")]
 
 use bipot_rs::law::bipotential::{StartState, corrected, gap, law_step};
-use bipot_rs::law::cone::{Status, derivative, project, project_dual, project_increment};
+use bipot_rs::law::cone::{Status, derivative, project, project_increment};
+use bipot_rs::law::face::{Face, Place};
 use bipot_rs::law::one_node::{self, Habit};
 use bipot_rs::law::second_order::{self, NesterovTodd};
 use bipot_rs::linalg::small::{Block, Vector, tangential_norm};
 use proptest::prelude::*;
+use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const EPS: f64 = f64::EPSILON;
 
@@ -65,10 +67,6 @@ fn projection_is_the_projection<const D: usize>(tau: [f64; D], mu: f64) {
     // Powers of two: homogeneous to the bit.
     let (scaled, same) = project(&tau.map(|c| 0.125 * c), mu);
     assert_eq!((scaled, same), (r.map(|c| 0.125 * c), status));
-    // Dual by Moreau: x = proj(x, K*) − proj(−x, K).
-    let dual = project_dual(&tau, mu);
-    let (polar, _) = project(&tau.map(|c| -c), mu);
-    assert!(norm(&minus(&minus(&dual, &polar), &tau)) <= 4.0 * EPS * size);
 }
 
 fn lipschitz<const D: usize>(a: [f64; D], b: [f64; D], mu: f64) {
@@ -387,5 +385,91 @@ proptest! {
     #[test]
     fn scaling_makes_one_point_of_two_in_space(z in inside::<3>(), s in inside::<3>()) {
         scaling_makes_one_point_of_two(z, s);
+    }
+}
+
+/// `y = V + e` is the point of the orthogonal face nearest to `V`: it lies in it, `e ⊥ y`, and
+/// `e` is at most a right angle from every point of the face. That defines a projection onto a
+/// convex cone.
+fn misfit_leads_to_the_nearest_point<const D: usize>(rng: &mut StdRng, seen: &mut [usize; 3]) {
+    let mut any = || -> [f64; D] { std::array::from_fn(|_| rng.random_range(-1.0..1.0)) };
+    let (v, tau, mu) = (any(), any(), 0.1 + any()[0].abs());
+    let p = 1.5 + any()[0];
+    let face = Face::of(&project(&tau, mu).0, mu);
+    let mut weighted = v;
+    weighted[0] = p * v[0] + mu * tangential_norm(&v);
+    let (e, error) = face.misfit(&v, &[0.0; D], p, mu);
+    let y: [f64; D] = std::array::from_fn(|k| weighted[k] + e[k]);
+    // Products of numbers of order one.
+    assert!(dot(&e, &y).abs() <= 1e-14 && dot(&face.reaction, &y).abs() <= 1e-14);
+    assert!(
+        mu * tangential_norm(&y) <= y[0] + 1e-14,
+        "{y:?} leaves the dual of {mu}"
+    );
+    assert!(error.iter().all(|e| (0.0..=1e-12).contains(e)));
+    for _ in 0..20 {
+        let mut z = any();
+        z[0] = mu * tangential_norm(&z) + z[0].abs();
+        match face.place {
+            Place::Apex => {}
+            Place::Ray(direction) => {
+                z = direction.map(|t| -t);
+                z[0] = mu;
+            }
+            Place::Inside => z = [0.0; D],
+        }
+        assert!(dot(&e, &z) >= -1e-14, "{face:?} {v:?}");
+    }
+    // If `v` may be anywhere within `dv`, the misfit there is within its error.
+    let dv: [f64; D] = any().map(|c| 1e-3 * c.abs());
+    let (e, error) = face.misfit(&v, &dv, p, mu);
+    let moved: [f64; D] = std::array::from_fn(|k| v[k] + dv[k] * any()[0]);
+    let (there, _) = face.misfit(&moved, &[0.0; D], p, mu);
+    assert!((0..D).all(|k| (there[k] - e[k]).abs() <= error[k]));
+    // Where the contact is known to stick, y = 0; where the direction of its slip is, one
+    // number is left, on the half-line of a contact without friction.
+    let (held, _) = Face::misfit_held(&v, &dv, p);
+    assert!(held[0] == -p * v[0] && held[1..] == v.map(|c| -c)[1..]);
+    let (along, error) = face.misfit_along(v[0], dv[0], p);
+    let expected = match face.place {
+        Place::Apex => (-p * v[0]).max(0.0),
+        _ => -p * v[0],
+    };
+    assert!((along - expected).abs() <= error);
+    seen[match face.place {
+        Place::Apex => 0,
+        Place::Ray(_) => 1,
+        Place::Inside => 2,
+    }] += 1;
+}
+
+#[test]
+fn misfit_is_the_way_to_the_orthogonal_face() {
+    let mut rng = StdRng::seed_from_u64(31);
+    let mut seen = [0; 3];
+    for _ in 0..2000 {
+        misfit_leads_to_the_nearest_point::<2>(&mut rng, &mut seen);
+        misfit_leads_to_the_nearest_point::<3>(&mut rng, &mut seen);
+    }
+    assert!(seen.iter().all(|&n| n > 300), "{seen:?}");
+    // Without friction K* is a half-space, and the tangents of V belong to it.
+    let face = Face::of(&[0.0; 3], 0.0);
+    assert_eq!(
+        face.misfit(&[-2.0, 1.0, 3.0], &[0.0; 3], 0.5, 0.0).0,
+        [1.0, 0.0, 0.0]
+    );
+}
+
+#[test]
+fn points_on_the_boundary_of_the_cone_have_no_scaling() {
+    let (inside, boundary) = (Vector::<2>::new(2.0, 1.0), Vector::<2>::new(1.0, -1.0));
+    assert!(NesterovTodd::new(&inside, &inside).is_some());
+    for (z, s) in [
+        (inside, boundary),
+        (boundary, inside),
+        (-inside, inside),
+        (inside, -inside),
+    ] {
+        assert!(NesterovTodd::new(&z, &s).is_none());
     }
 }

@@ -19,6 +19,7 @@ mod panics;
 mod precision;
 mod primal;
 mod principles;
+mod redundant;
 mod refactor;
 mod several_answers;
 mod solvers;

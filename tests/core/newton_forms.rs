@@ -14,6 +14,7 @@ use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::reduced::residual::scaled_imbalance;
 use bipot_rs::solver::newton::compliance_form::{ComplianceForm, Solved};
 use bipot_rs::solver::newton::linearisation::{Linearisation, factorisation_cost};
+use bipot_rs::solver::newton::refine::{RefinedPoint, forward_change, forward_error, refine};
 use bipot_rs::solver::newton::stiffness_form::StiffnessForm;
 use bipot_rs::solver::{Method, Outcome};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -242,5 +243,84 @@ fn a_large_step_by_gmres_is_the_one_by_lu() {
         assert_eq!(solution.outcome, Outcome::Converged);
         let other = case.solve(Method::GaussSeidel);
         assert!(difference(&solution.reaction, &other.reaction) <= 1e-9);
+    }
+}
+
+/// A point with the displacement of its reactions, summed in twice the precision.
+fn exact_point<const D: usize>(
+    problem: &Reduced<D>,
+    r: Vec<[f64; D]>,
+    rigid: Vec<f64>,
+) -> RefinedPoint<D> {
+    RefinedPoint {
+        v: problem.exact_displacement(&r, &rigid),
+        imbalance: scaled_imbalance(problem, &r),
+        r,
+        rigid,
+    }
+}
+
+/// Near a solution the size of a correction is the error, corrections lead back to the solution,
+/// and a change of `v` moves the solution as the same change of `q`.
+fn corrections_restore<const D: usize>(case: &mut Case<D>, seed: u64) {
+    let solution = case.solve(Method::Auto);
+    let problem = case.problem();
+    let (exact, rigid) = (solution.reaction, solution.rigid_motion);
+    let mut rng = StdRng::seed_from_u64(seed);
+    let mut off = exact.clone();
+    for value in off.as_flattened_mut() {
+        *value *= 1.0 + 1e-7 * rng.random_range(-1.0..1.0);
+    }
+    let moved = exact_point(&problem, off.clone(), rigid.clone());
+    let total = moved.v.clone();
+    let (of_r, of_v) = forward_error(&problem, &moved, &[], &GO).unwrap().unwrap();
+    // The law is linear so near to the solution; the solver leaves 1e-12, times its condition.
+    let apart = difference(&off, &exact);
+    assert!(
+        (of_r - apart).abs() <= 1e-2 * apart,
+        "{seed}: {of_r:e} {apart:e}"
+    );
+    // As a step after an equal one, the displacement is twice as large.
+    let after = forward_error(&problem, &moved, &total, &GO)
+        .unwrap()
+        .unwrap();
+    assert!((after.1 / of_v - 0.5).abs() <= 1e-3 && after.0.to_bits() == of_r.to_bits());
+    let evaluate = |r, a| Ok(exact_point(&problem, r, a));
+    let refined = refine(&problem, moved, evaluate, &GO).unwrap();
+    assert!(difference(&refined.r, &exact) <= 1e-10, "{seed}");
+    let left = forward_error(&problem, &refined, &[], &GO)
+        .unwrap()
+        .unwrap();
+    // Rounding, times the condition.
+    assert!(left.0 <= 1e-12, "{seed}: {:e}", left.0);
+
+    let change: Vec<[f64; D]> = exact
+        .iter()
+        .map(|_| std::array::from_fn(|_| 1e-6 * rng.random_range(-1.0..1.0)))
+        .collect();
+    let told = forward_change(&problem, &refined, &change, &[], &GO)
+        .unwrap()
+        .unwrap();
+    let later = forward_change(&problem, &refined, &change, &refined.v, &GO)
+        .unwrap()
+        .unwrap();
+    assert!((later.1 / told.1 - 0.5).abs() <= 1e-9);
+    for (q, change) in case.q.iter_mut().zip(&change) {
+        (0..D).for_each(|k| q[k] += change[k]);
+    }
+    let there = case.solve(Method::Auto);
+    let apart = difference(&exact, &there.reaction);
+    assert!(
+        (told.0 - apart).abs() <= 1e-2 * apart,
+        "{seed}: {told:?} {apart:e}"
+    );
+}
+
+#[test]
+fn corrections_are_the_error_and_remove_it() {
+    for seed in 0..4 {
+        corrections_restore(&mut Case::<2>::held(10, 0.4, seed), seed);
+        corrections_restore(&mut Case::<3>::held(8, 0.4, seed), seed);
+        corrections_restore(&mut Case::<3>::floating(8, 0.4, 0.5, seed), seed);
     }
 }

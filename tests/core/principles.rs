@@ -11,6 +11,7 @@ use bipot_rs::error::Error;
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::frozen::Frozen;
 use bipot_rs::linalg::dense::symmetric_eigen;
+use bipot_rs::proof::error_bound::Prepared;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::monitor::{Monitor, Progress};
@@ -162,8 +163,23 @@ fn apart<const D: usize>(a: &[[f64; D]], b: &[[f64; D]]) -> Vec<f64> {
 /// Passes from two points are nearer to each other than the points, by the factor
 /// that is proved; and how much of it they use at the most.
 fn contracts<const D: usize>(case: &Case<D>, seed: u64, used: &mut [f64; 3]) {
-    let factors = Factors::new(case);
+    let mut factors = Factors::new(case);
     let problem = case.problem();
+    let bounds = Prepared::new(&problem, &GO).unwrap();
+    let open = vec![[0.0; D]; case.q.len()];
+    let bound = bounds.bound(&problem, (&open, &[]), None, &GO).unwrap();
+    match bound.contraction {
+        // It has a weight for each contact, and a margin of 1.02^1.5.
+        Some(proved) => {
+            assert!(
+                proved <= 1.031 * factors.whole,
+                "{proved} {}",
+                factors.whole
+            );
+            factors.whole = factors.whole.min(proved);
+        }
+        None => assert!(factors.whole > 0.9, "{}", factors.whole),
+    }
     let at = |seed| PrinciplePoint::new(&problem, reactions(case, seed), Vec::new());
     let (x, y) = (at(seed), at(seed + 1000));
     // Frozen problems are solved to 1e-13.

@@ -414,3 +414,35 @@ fn a_large_friction_hides_no_penetration() {
     assert!(deep.residual <= TOL, "{:e}", deep.residual);
     assert!(!deep.converged(TOL));
 }
+
+/// Eight contacts apart, of which the last has `W = (1, 2; 2, 1)`, `μ = 1`, `q = (−1, 0)`. By
+/// hand: sticking asks for `r_n = −1/3`, slip along −t for `v_t = 1 > 0`, slip along t for
+/// `r_n = −1`, and open it penetrates.
+fn fails_without_an_answer<const D: usize>() {
+    const CONTACTS: usize = 8;
+    let m = D * CONTACTS;
+    let mut w: Vec<f64> = (0..m * m)
+        .map(|k| f64::from(u8::from(k % (m + 1) == 0)))
+        .collect();
+    let last = m - D;
+    w[last * m + last + 1] = 2.0;
+    w[(last + 1) * m + last] = 2.0;
+    let mut case = Case::<D>::of(w, CONTACTS, 1.0, 0);
+    let mut q = [0.0; D];
+    q[0] = -1.0;
+    case.q.fill(q);
+    let solution = case.solve(Method::Auto);
+    // In the plane all statuses have been tried. That is no proof: only bodies that contact alone
+    // holds can be without a solution, if W is that of bodies.
+    assert_eq!(solution.outcome, Outcome::Stalled);
+    assert_eq!(solution.statuses_tried, 0);
+    assert!(solution.residual > 1e-2);
+    // 5000 iterations without progress, then as many again or more of each projection.
+    assert!(solution.iterations > 10_000, "{}", solution.iterations);
+}
+
+#[test]
+fn a_problem_without_an_answer_gets_none() {
+    fails_without_an_answer::<2>();
+    fails_without_an_answer::<3>();
+}

@@ -144,7 +144,8 @@ impl<const D: usize> BoundedIsland<D> {
     ) -> Result<Option<IslandFactor<D>>, Error> {
         let all = ties.unknowns();
         let (form, error) = ties.compress(self.monotonicity.form(&all, weights, &known));
-        let Some(cholesky) = VerifiedCholesky::new(form.clone(), ties.len(), error, stop)? else {
+        let Some(cholesky) = VerifiedCholesky::new(form.clone(), ties.kept.len(), error, stop)?
+        else {
             return Ok(None);
         };
         let (half, of_half) = ties.compress(self.monotonicity.symmetric_part(&all));
