@@ -185,8 +185,23 @@ fn sharpen(
     }
 }
 
+/// The rounding of an entry of a sparse `K` is ε of it. The entries of a full `K` of order `n`,
+/// a condensed stiffness, are sums of `n` products, which may be as large as its largest entry:
+/// 4 n ε against the [`tuning::rounding`] of a sparse one, and this entry; for a sparse one zero.
+fn rounding_of(k: &OwnedMatrix) -> (f64, f64) {
+    let n = k.pointer.len() - 1;
+    // `K` holds one triangle or both.
+    if 2 * k.values.len() < n * (n + 1) {
+        return (f64::EPSILON, 0.0);
+    }
+    #[expect(clippy::cast_precision_loss, reason = "an estimate")]
+    let terms = 4.0 * n as f64 / tuning::rounding();
+    let largest = k.values.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
+    (terms.max(1.0) * f64::EPSILON, largest)
+}
+
 impl RitzMotion {
-    /// The largest `|K x|` relative to the terms of its row, in ε.
+    /// The largest `|K x|` relative to the terms of its row, in roundings of `K`.
     fn largest_row(&self, k: &OwnedMatrix) -> f64 {
         let x = &self.x;
         let forces = k.residual(x, &vec![0.0; x.len()]);
@@ -194,14 +209,23 @@ impl RitzMotion {
         let sizes: Vec<f64> = x.iter().map(|x| x.abs().max(LEAST * largest)).collect();
         let mut terms = vec![0.0; x.len()];
         k.add_absolute_product(&sizes, &mut terms);
+        let (rounding, entry) = rounding_of(k);
+        for term in &mut terms {
+            *term = term.max(entry * largest);
+        }
         let of_row = |(f, t): (&f64, &f64)| if *f == 0.0 { 0.0 } else { f.abs() / t };
-        forces.iter().zip(&terms).map(of_row).fold(0.0, f64::max) / f64::EPSILON
+        let worst = forces.iter().zip(&terms).map(of_row).fold(0.0, f64::max);
+        worst / rounding
     }
 
     /// The energy over the rounding error of K.
     fn over_rounding(&self, k: &OwnedMatrix) -> f64 {
         let sizes: Vec<f64> = self.x.iter().map(|x| x.abs()).collect();
-        let rounding = tuning::rounding() * f64::EPSILON * k.absolute_form(&sizes);
+        let (rounding, entry) = rounding_of(k);
+        let terms = k
+            .absolute_form(&sizes)
+            .max(entry * dot_long(&sizes, &sizes));
+        let rounding = tuning::rounding() * rounding * terms;
         self.energy.abs() / rounding.max(f64::MIN_POSITIVE)
     }
 }

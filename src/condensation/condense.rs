@@ -445,7 +445,9 @@ impl<const D: usize> Condensed<D> {
             let contacts: Vec<usize> = rows.map(|row| row.row / D).collect();
             let of_body = contacts.iter().map(|&i| rounding[i][0].abs());
             let largest = of_body.fold(0.0, f64::max);
-            contacts.iter().for_each(|&i| error[i] += largest);
+            for i in contacts {
+                error[i] += largest;
+            }
         }
         for (v, error) in q.iter_mut().zip(&error) {
             if v[0].abs() <= 16.0 * error {
