@@ -439,8 +439,8 @@ class ReducedProblem:
         rigid = self.rigid
         if rigid is not None and len(rigid[1]):
             rigid = by.ravel()[:, None] * rigid[0], rigid[1]
-            a = self.solve(max_iterations=1).free_motion
-            if a is not None and self._core.is_unresisted(a):
+            a = self.find_unresisted()
+            if a is not None:
                 direction = (
                     rigid_motions.move_contacts(rigid[0].T, a, self.q.shape[1]) / by
                 )
@@ -468,6 +468,15 @@ class ReducedProblem:
                     f"{len(tried[0]) or 'none'} satisfied the contact law",
                 )
         return existence
+
+    def find_unresisted(self) -> Floats | None:
+        """Amounts ``a`` of a rigid motion that proves that no reaction balances the loads.
+
+        The loads work on it, and it lies in the dual cone of every contact. None if the
+        search finds none; the compliance does not matter.
+        """
+        a = self.solve(max_iterations=1).free_motion
+        return a if a is not None and self._core.is_unresisted(a) else None
 
     def _model(self) -> ReducedModel:
         """The data of this problem, for derivatives."""

@@ -204,7 +204,7 @@ class Estimator:
         self.facets = contact_facets(model, self.bodies)
         if isinstance(model.moving, MovingGaps):
             raise ValueError(
-                "an obstacle turns or curves as it moves: the discretisation error needs "
+                "an obstacle turns, or is curved and moves: the discretisation error needs "
                 "contacts with the same frames in all steps"
             )
         held = prescribed_facets(model, self.bodies)

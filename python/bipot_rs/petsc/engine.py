@@ -124,7 +124,7 @@ class _Inquiry(UncondensedStep):
 
 # Said before any work.
 NO_FRAMES = (
-    "an obstacle turns or curves as it moves, and load steps have frames of their own, which "
+    "an obstacle turns, or is curved and moves: load steps have frames of their own, which "
     "engine='petsc' cannot solve: use engine='direct' or 'iterative'"
 )
 

@@ -25,6 +25,7 @@ from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.stress_recovery import stress
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 from bipot_rs.fem.checks.inspection import inspect
+from bipot_rs.fem.checks.unbalanced import describe_unbalanced
 from bipot_rs.scene.build import make_loads, make_parts
 from bipot_rs.scene.histories import Histories
 from bipot_rs.scene.load_history import LoadHistory
@@ -342,6 +343,12 @@ class Case:
         if self.scene is not None and self.scene.lacks_n():
             remarks.append("mesh.n: has no effect, since no body uses n")
         return remarks
+
+    def describe_unbalanced(self) -> str | None:
+        """The first load step that contact cannot carry, described; None if there is none."""
+        if self.load is None:
+            return None
+        return describe_unbalanced(self.model, self.load, self.gaps)
 
     def stress_at_rest(self, step: int | Step) -> Floats | None:
         """Stress of the initial strains at zero displacement, ``(cells, 3, 3)`` [Pa].

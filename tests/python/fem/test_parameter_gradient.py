@@ -207,7 +207,12 @@ def test_moduli_and_thickness(cell: str, plane_stress: bool) -> None:
 def test_stiffness_is_proportional_to_young_and_thickness() -> None:
     """θ ∂K/∂θ = K for Young's modulus, and with springs for the thickness: to rounding."""
     mesh = bent("quadrilateral", 2)
-    for springs, name, factor in (([], "young", 1.3), (None, "thickness", 0.6)):
+    array = fem.Spring("one", highest(mesh), stiffness=np.array([0.3, 0.7]))
+    for springs, name, factor in (
+        ([], "young", 1.3),
+        (None, "thickness", 0.6),
+        ([array], "thickness", 0.6),
+    ):
         model = model_of(mesh, springs=springs)
         product = Product(model)
         energy = sum(
@@ -397,7 +402,7 @@ def test_what_is_no_derivative_is_refused() -> None:
     with pytest.raises(ValueError, match="clearance is a function"):
         _ = of(**flat, clearance=lambda x: 0 * x[:, 0]).nodes
     turning = obstacle.Motion(rotation=[0.1, 0.2], axis=[0, 1, 0])
-    with pytest.raises(ValueError, match="an obstacle turns or curves"):
+    with pytest.raises(ValueError, match="an obstacle turns, or is curved and moves"):
         _ = of(**flat, motion=turning).obstacles
     plane = obstacle.Distance(lambda x: x[:, 2] + 0.1)
     with pytest.raises(ValueError, match="is a Distance"):

@@ -25,7 +25,7 @@ def add_arguments(parser: shared.Parser) -> None:
 
 
 def run(found: argparse.Namespace, _: Interrupts) -> int:
-    """Print the summary; a body that floats has no answer."""
+    """Print the summary; a body that floats, or that contact cannot hold, has no answer."""
     summary = check(found.scene, found.settings) | {"scene": found.scene}
     floating = summary.pop("floating")
     summary["ok"] = floating is None
@@ -49,7 +49,9 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         ``forecast`` with the counts of `ContactProblem`'s ``on_forecast`` and
         ``seconds``, or with the memory of a rank of engine petsc, None where a body
         floats; ``floating``, a message on motions that neither supports nor contact can
-        prevent, or None; ``remarks``, a list of messages; and ``lines`` for a terminal.
+        prevent, or on loads that contact cannot carry, or None; ``held_by_contact``,
+        names of bodies without support and spring; ``remarks``, a list of messages; and
+        ``lines`` for a terminal.
 
     Raises
     ------
@@ -59,6 +61,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         The assembly does not fit into the free memory.
     """
     from bipot_rs.cli.run import cost_forecast
+    from bipot_rs.fem.checks.free_bodies import list_unsupported
     from bipot_rs.petsc.run.ranks import read_launcher
     from bipot_rs.scene.build import bodies
     from bipot_rs.scene.case import assemble
@@ -73,6 +76,9 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     several = scene.solver.engine == "petsc"
     counts, floating = cost_forecast.counts(case)
     remarks = [remark for remark in case.remarks() if remark not in floating]
+    if not floating and (unbalanced := case.describe_unbalanced()):
+        floating = [unbalanced]
+    loose = list_unsupported(model)
     steps = len(case.parameter)
     title = [scene.title] if scene.title else []
     cost, forecast = [], None
@@ -94,10 +100,16 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         "steps": steps,
         "forecast": forecast,
         "floating": "; ".join(floating) or None,
+        "held_by_contact": loose,
         "remarks": remarks,
         "lines": [
             *title,
             *cost_forecast.sizes(model, steps),
+            *(
+                [f"  loose     {', '.join(loose)}: held by contact alone"]
+                if loose
+                else []
+            ),
             *cost,
             *cost_forecast.list_remarks(remarks),
         ],

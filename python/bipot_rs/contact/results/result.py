@@ -403,8 +403,8 @@ class Result(Sequence[Step]):
         turned = [k for k, step in enumerate(self.steps) if step.frame is not None]
         if turned:
             raise ValueError(
-                f"load step {turned[0] + 1} has frames of its own, because an obstacle turns "
-                "or curves: derivatives need the same frames in all steps"
+                f"load step {turned[0] + 1} has frames of its own, because an obstacle turns, "
+                "or is curved and moves: derivatives need the same frames in all steps"
             )
         return self.derivatives
 

@@ -77,6 +77,15 @@ class Computed:
     diagnosis: str | None = None
 
 
+def describe_not_carried(motion: str) -> str:
+    """Why there is no solution, if the loads work on a motion that no reaction resists."""
+    return (
+        "no solution exists: contact cannot carry the loads, and nothing stops this motion: "
+        f"{motion}; add a support that stops it, or change the loads so that they do no work "
+        "on it"
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Solution:
     """The solution of one contact problem, or the best point that was reached.
@@ -319,11 +328,7 @@ class Solution:
             return f"converged in {count_noun(self.iterations, 'iteration')} ({judged})"
         if self.outcome is Outcome.NO_EQUILIBRIUM:
             if self.free_motion_text:
-                return (
-                    "no solution exists: contact cannot carry the loads, and nothing "
-                    f"stops this motion: {self.free_motion_text}; add a support that stops it, or "
-                    "change the loads so that they do no work on it"
-                )
+                return describe_not_carried(self.free_motion_text)
             if self.statuses_tried:
                 contacts = count_noun(len(self.reaction), "contact")
                 return (

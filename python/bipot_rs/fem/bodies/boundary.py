@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +40,7 @@ class Spring:
 
     body: str
     surface: str
-    stiffness: float | Sequence[float] | None = None
+    stiffness: ArrayLike | None = None
     normal: float | None = None
     tangential: float | None = None
 

@@ -27,10 +27,9 @@ def describe_free_bodies(model: Assembly, *, rough: bool = False) -> Iterator[st
     stop motion along its normal and, with friction or if ``rough``, along its tangents. A
     motion that is free under this assumption is free for any load.
     """
-    modes, owner = _list_motions(model)
-    modes, owner = _add_references(model, modes, owner)
+    modes, owner = list_motions(model)
     bare = set(_list_bare(model))
-    supports = _list_supports(model, modes)
+    supports = list_supports(model, modes)
     # Bodies without contact to a rigid obstacle.
     alone = set(range(len(model.bodies))) - {
         model.numbered[contact.body].index
@@ -45,10 +44,7 @@ def describe_free_bodies(model: Assembly, *, rough: bool = False) -> Iterator[st
     for joined in _group_bodies(model):
         members = [b for b in joined if b < count]
         columns = np.flatnonzero(np.isin(owner, joined))
-        # The triangle of QR tells what the many rows tell; there may be none.
-        felt_here = [constraints[:, columns], np.zeros((1, len(columns)))]
-        triangle = np.asarray(np.linalg.qr(np.concatenate(felt_here), "r"), np.float64)
-        free = _core.free_motions(triangle, _FREE).T
+        free = find_free(constraints[:, columns])
         if joined != members:
             of_bodies = owner[columns] < count
             for k in _list_free_points(free, of_bodies):
@@ -67,11 +63,19 @@ def describe_free_bodies(model: Assembly, *, rough: bool = False) -> Iterator[st
             have = "have" if several else "has"
             yield f"{whole} can move freely and {have} no support and no spring: add one"
         else:
-            words = _describe_motions(model, members, modes[:, columns], free)
+            words = describe_motions(model, members, modes[:, columns], free)
             yield (
                 f"{whole} can move freely by {'; '.join(words)}: add a support, friction "
                 "or a contact that stops it"
             )
+
+
+def find_free(constraints: Floats) -> Floats:
+    """Amounts of the motions that no row of the constraints stops, ``(m, free)``."""
+    # The triangle of QR tells what the many rows tell; there may be none.
+    rows = [constraints, np.zeros((1, constraints.shape[1]))]
+    triangle = np.asarray(np.linalg.qr(np.concatenate(rows), "r"), np.float64)
+    return np.asarray(_core.free_motions(triangle, _FREE).T, np.float64)
 
 
 def list_unsupported(model: Assembly) -> list[str]:
@@ -79,7 +83,7 @@ def list_unsupported(model: Assembly) -> list[str]:
     return [model.bodies[b].name for b in _list_bare(model)]
 
 
-def _list_supports(model: Assembly, modes: Floats) -> list[Floats]:
+def list_supports(model: Assembly, modes: Floats) -> list[Floats]:
     """Displacements of supports and forces of springs by rigid motions, as rows."""
     found = [modes[_list_prescribed(model)]]
     if model.inclined is not None:
@@ -125,8 +129,12 @@ def _measure_springs(model: Assembly, spring: Spring, modes: Floats) -> Floats:
     return forces / largest if largest else 0.0 * forces
 
 
-def _list_motions(model: Assembly) -> tuple[Floats, Ints]:
-    """Rigid motions of all bodies ``(n, m)``, of equal size, and the body of each."""
+def list_motions(model: Assembly) -> tuple[Floats, Ints]:
+    """Motions of bodies and reference points ``(n, m)``, and the owner of each.
+
+    Rigid motions of all bodies, of equal size, then the components of the reference points,
+    whose numbers follow those of the bodies.
+    """
     found, owner = [], []
     for b, body in enumerate(model.bodies):
         arm = body.points - body.points.mean(axis=0)
@@ -137,20 +145,13 @@ def _list_motions(model: Assembly) -> tuple[Floats, Ints]:
         )
         found.append(columns)
         owner += [b] * motions.shape[2]
-    return np.concatenate(found, axis=1), np.array(owner, dtype=np.int64)
-
-
-def _add_references(model: Assembly, modes: Floats, owner: Ints) -> tuple[Floats, Ints]:
-    """The motions with those of reference points, whose owners follow the bodies."""
-    count = len(model.bodies)
-    found, owners = [modes], [owner]
-    for k, one in enumerate(model.references):
-        dofs = np.concatenate([one.dofs, one.turns])
+    for k, point in enumerate(model.references):
+        dofs = np.concatenate([point.dofs, point.turns])
         columns = np.zeros((model.n, len(dofs)))
         columns[dofs, np.arange(len(dofs))] = 1.0
         found.append(columns)
-        owners.append(np.full(len(dofs), count + k, np.int64))
-    return np.concatenate(found, axis=1), np.concatenate(owners)
+        owner += [len(model.bodies) + k] * len(dofs)
+    return np.concatenate(found, axis=1), np.array(owner, dtype=np.int64)
 
 
 def _keep_bodies(free: Floats, of_bodies: Bools) -> Floats:
@@ -195,7 +196,7 @@ def _group_bodies(model: Assembly) -> list[list[int]]:
     return sorted(sorted(one) for one in sets)
 
 
-def _describe_motions(
+def describe_motions(
     model: Assembly, members: list[int], modes: Floats, free: Floats
 ) -> list[str]:
     """Describe a space of motions: translations along the axes first, then the rest.

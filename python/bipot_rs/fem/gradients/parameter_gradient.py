@@ -262,8 +262,9 @@ class ParameterGradient:
             for spring, parts in zip(self._model.springs, self.springs, strict=True):
                 if spring.body == body.name:
                     own += sum(
-                        float(np.sum(np.multiply(getattr(spring, name) or 0.0, part)))
+                        float(np.sum(np.multiply(getattr(spring, name), part)))
                         for name, part in parts.items()
+                        if getattr(spring, name) is not None
                     )
             found[body.name] = own / body.depth
         return found
@@ -381,9 +382,9 @@ class ParameterGradient:
         model, d = self._model, self._model.dim
         if isinstance(model.moving, MovingGaps):
             raise ValueError(
-                "an obstacle turns or curves as it moves, and contacts have frames of each "
-                "step: derivatives with respect to nodes and obstacles need the same frames "
-                "in all steps"
+                "an obstacle turns, or is curved and moves: contacts have frames of each "
+                "step, and derivatives with respect to nodes and obstacles need the same "
+                "frames in all steps"
             )
         relative = np.zeros((2, *self._gap.shape))
         for side, sign in ((0, 1.0), (1, -1.0)):

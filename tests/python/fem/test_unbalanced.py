@@ -1,0 +1,95 @@
+"""Loads that contact cannot carry are named before solving, and no others."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import fem
+from bipot_rs.fem.checks.unbalanced import describe_unbalanced
+
+pytestmark = pytest.mark.needs_extra
+
+CELLS = {2: "quadrilateral", 3: "hexahedron"}
+
+
+def stack(mu: list[float], dim: int, *, springs: bool = False) -> fem.Assembly:
+    """Blocks on each other, the lowest on a rigid plane, with these frictions."""
+    grid = np.linspace(0, 1, 3)
+    steel = fem.Material(7e4, 0.3)
+    bodies, contacts = [], []
+    up = np.eye(dim)[-1]
+    for k, friction in enumerate(mu):
+        axes = [*[grid] * (dim - 1), grid + k]
+        bodies.append(fem.Body(f"b{k}", fem.box(axes, CELLS[dim]), steel))
+        on: Any = {"against": (f"b{k - 1}", "top")} if k else {"plane": (0 * up, up)}
+        contacts.append(fem.Contact(f"b{k}", "bottom", friction, **on))
+    held = [fem.Spring(body.name, "left", stiffness=1.0) for body in bodies]
+    return fem.assemble(bodies, contacts, springs=held if springs else [])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("mu", [0.0, 0.3, 1.0])
+def test_a_slope(dim: int, mu: float) -> None:
+    """A block slides if the slope is steeper than friction, or if it is too tall and tips."""
+    model = stack([mu], dim)
+    for share in (-1.01, -0.99, 0.0, 0.99, 1.01):
+        push = share * mu if mu else share - np.sign(share) * 0.99
+        force = np.zeros(dim)
+        force[0], force[-1] = push, -1.0
+        words = describe_unbalanced(model, model.body_force("b0", force)[None])
+        # A cube tips at a slope of one.
+        slides = abs(push) > min(mu, 1.0) * (1 + 1e-9)
+        assert (words is not None) == slides, (share, words)
+        assert words is None or "load step 1 of 1" in words
+        assert words is None or "body 'b0'" in words
+
+
+def test_the_first_step_that_cannot_be_carried() -> None:
+    model = stack([0.3], 2)
+    steps = [
+        model.body_force("b0", [push, -1.0]) * grow
+        for push, grow in ((0.1, 0.5), (0.1, 1.0), (0.2, 1.0), (0.4, 1.0), (0.5, 1.0))
+    ]
+    words = describe_unbalanced(model, np.array(steps))
+    assert words is not None
+    assert words.startswith(
+        "load step 4 of 5: no solution exists: contact cannot carry"
+    )
+    assert describe_unbalanced(model, np.array(steps[:3])) is None
+    # Springs hold the block; supports do too.
+    sprung = stack([0.3], 2, springs=True)
+    assert describe_unbalanced(sprung, np.array(steps)) is None
+
+
+def check_agreement(seed: int) -> None:
+    """What `solve` refuses is named, and what it solves is not."""
+    rng = np.random.default_rng(seed)
+    dim, count = int(rng.integers(2, 4)), int(rng.integers(1, 4))
+    if dim == 3:
+        count = min(count, 2)
+    model = stack(rng.choice([0.0, 0.2, 0.6], count).tolist(), dim)
+    load = np.zeros(model.n)
+    for k in range(count):
+        force = rng.choice([0.0, 0.1, 0.4]) * rng.standard_normal(dim)
+        force[-1] -= rng.choice([-0.2, 0.5, 1.0])
+        load += model.body_force(f"b{k}", force)
+    words = describe_unbalanced(model, load[None])
+    try:
+        result = model.problem().solve(load)
+    except bp.NoEquilibriumError:
+        assert words is not None, seed
+    else:
+        assert not result.success or words is None, (seed, words)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_it_agrees_with_solve(seed: int) -> None:
+    check_agreement(seed)
+
+
+@pytest.mark.slow
+def test_it_agrees_with_solve_for_many() -> None:
+    for seed in range(100, 400):
+        check_agreement(seed)
