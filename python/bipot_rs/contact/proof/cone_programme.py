@@ -134,15 +134,17 @@ class Programme:
 
 def _measure_merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
     """The largest relative residual of an optimum or of a direction, the smaller one."""
-    y, s, z = p.y / p.tau, p.s / p.tau, p.z / p.tau
-    primal = np.linalg.norm(h.ravel() + G @ y - s.ravel()) / (1 + np.linalg.norm(h))
-    dual = np.linalg.norm(G.T @ z.ravel() - c) / (1 + np.linalg.norm(c))
-    gap = np.vdot(s, z) / (1 + abs(c @ y))
+    # Near a direction τ goes to zero, and the point may leave the range of doubles.
+    with np.errstate(over="ignore", invalid="ignore"):
+        y, s, z = p.y / p.tau, p.s / p.tau, p.z / p.tau
+        primal = np.linalg.norm(h.ravel() + G @ y - s.ravel()) / (1 + np.linalg.norm(h))
+        dual = np.linalg.norm(G.T @ z.ravel() - c) / (1 + np.linalg.norm(c))
+        gap = np.vdot(s, z) / (1 + abs(c @ y))
     falls = -float(c @ p.y)
     ray = np.inf
     if falls > 0:
         ray = float(np.linalg.norm(G @ p.y - p.s.ravel())) / falls
-    return min(float(np.max([primal, dual, gap])), ray)
+    return float(np.fmin(np.max([primal, dual, gap]), ray))
 
 
 def _move_by(p: _Point, c: Floats, over: Programme, across: Across) -> _Point | None:
@@ -328,11 +330,14 @@ def _find_end(p: _Point, c: Floats, G: Floats, h: Floats) -> Optimum:
 
 def _find_bounded(y: Floats, z: Floats, c: Floats, G: Floats, h: Floats) -> Optimum:
     """A point with the gap that its multipliers prove."""
-    # A share of y = 0, which is in the cones, removes what rounding left outside.
+    # A share of y = 0, which is in the cones, removes what rounding left outside. Rounding
+    # may also leave y = 0 outside of a cone; where it is no nearer, it removes nothing.
     s = h + (G @ y).reshape(h.shape)
     lack = _measure_depths(s)
-    inside = _measure_depths(h)
-    share = np.divide(-lack, inside - lack, out=np.zeros(len(h)), where=lack < 0)
+    nearer = _measure_depths(h) - lack
+    share = np.divide(
+        -lack, nearer, out=np.zeros(len(h)), where=(lack < 0) & (nearer > 0)
+    )
     y = y * (1 - float(share[share <= _SHRINK].max(initial=0.0)))
     missing = c - G.T @ z.ravel()
     z = z + (np.linalg.lstsq(G.T, missing, rcond=None)[0]).reshape(z.shape)
