@@ -742,6 +742,10 @@ class ContactProblem:
         callback("on_cycle", on_cycle)
         arguments = check_wear(self.contacts, coefficient, cycles, jump, rtol, start)
         totals = self.loading.list_totals(load, prescribed, gap)
+        if not totals:
+            raise ValueError(
+                "load and prescribed have no load steps, expected a cycle of at least one"
+            )
         engine = self.stiffness.choose_engine(arguments.cycles * len(totals), method)
         stability = Stability(
             self.stiffness.matrix(),
@@ -753,8 +757,11 @@ class ContactProblem:
         def begin(at: Step | None) -> PathSolver:
             return self._begin_path(engine, checked, at)
 
-        cycles_of_path = Cycles(begin, totals, arguments)
-        return CycleSolver(cycles_of_path, stability, on_cycle).solve()
+        framed = any(isinstance(moved, MovingGaps) for _, _, moved in totals)
+        # With loads= only those can be solved.
+        divisible = self.loading.loads is None and not framed
+        cycles_of_path = Cycles(begin, totals, arguments, stability, divisible)
+        return CycleSolver(cycles_of_path, on_cycle).solve()
 
     def update(self, K: MatrixLike) -> None:
         """Replace the stiffness in place, for other materials or thicknesses.

@@ -45,21 +45,26 @@ SMALLEST_STEP = 1e-3
 
 # --- Jumps over cycles of wear (wear/jumps.py): `spring` and `pad` of
 # tests/python/support/worn.py over 400 cycles with rtol = 0.001. The figures are the load paths
-# that are solved; as it is 99 and 415. The error of the depth is at most 1.2e-4 in all of them.
+# that are solved; as it is 116 and 307.
 
 # A jump is at most so many times as long as the one before; the limit where the estimate of
-# the error is zero. Half and twice: 99 and 415.
+# the error is zero. Half and twice: 116 and 307.
 JUMP_GROWTH = 4.0
 # The next jump aims at this part of the allowed error to the power 1/3, because the estimate
-# grows with the cube of the length. Half: 177 and 415; twice: 209 and 440, because jumps are
-# rejected; 1: 89 and 415.
+# grows with the cube of the length. Half: 194 and 306; twice: 235 and 442, because jumps are
+# rejected; 1: 104 and 380.
 JUMP_CAUTION = 0.8
-# A jump may take one part in so many of the error that is not shared out. Half: 91 and 435;
-# twice: 113 and 431.
+# A jump may take one part in so many of the error that is not shared out. Half: 106 and 306;
+# twice: 130 and 316.
 JUMP_TAKEN = 8
-# After jumps that were too short, at most so many cycles pass before another attempt. Half: 99
-# and 435; twice: 99 and 417.
+# After jumps that were too short, at most so many cycles pass before another attempt. Half and
+# twice: 116 and 307.
 JUMP_PATIENCE = 32
+# Parts of a load step at most. Half and twice: a coefficient that is half or twice as large is
+# refused.
+MOST_PARTS = 1024
+# If halved load steps change a cycle by more than this part, the message asks for shorter ones.
+COARSE_CYCLE = 0.1
 # Up to this number of contacts, the bound of jumps is computed from the dense matrix. Half and
 # twice: the time of the bound changes by milliseconds.
 DENSE_BOUND = 64

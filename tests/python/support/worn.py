@@ -46,3 +46,31 @@ def worn_pad(**more: Any) -> Any:
     _, problem, cycle = pad()
     arguments = {"coefficient": COEFFICIENT, "cycles": 60, "tol": TOL} | more
     return problem.wear(prescribed=cycle, **arguments)
+
+
+def random_pad(seed: int) -> tuple[bp.ContactProblem, dict[str, Any]]:
+    """A pad of random shape, friction, cycle and wear, and the arguments of its wear."""
+    rng = np.random.default_rng([seed, 16])
+    cells, length = int(rng.integers(2, 5)), rng.uniform(0.7, 3.0)
+    body = block([length, 1.0], [max(3, int(length * cells)), cells], 1e3, 0.3)
+    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
+    x = body.points[:, 0] - length / 2
+    wave = 1 + np.sin(rng.uniform(1, 9) * x + rng.uniform(0, 6))
+    shapes = 0.02 * x**2, 0.01 * abs(x), 0.003 * wave
+    gap = rng.uniform() * shapes[rng.integers(3)]
+    problem = bp.ContactProblem(
+        body.K, body.B, gap=gap, mu=rng.uniform(0.1, 0.8), fixed=fixed, area=body.area
+    )
+    ways = ([1, 0, -1, 0], [1, -1], [1, 1, -1, -1])[rng.integers(3)]
+    press = 10 ** rng.uniform(-2.5, -1.7)
+    varies = 0.3 * rng.uniform(-1, 1, len(ways)) * (rng.uniform() < 0.5)
+    places = press * np.stack(
+        [rng.uniform(0.2, 2.5) * np.array(ways, float), -1 - varies], axis=1
+    )
+    path = {
+        "prescribed": np.repeat(places, len(fixed) // 2, axis=1),
+        "coefficient": 10 ** rng.uniform(-5, -2.5),
+        "cycles": int(rng.integers(30, 120)),
+        "tol": 1e-12,
+    }
+    return problem, path

@@ -62,6 +62,8 @@ def check_wear(
     TypeError, ValueError
         An argument is wrong, or the areas are not known; the message names it.
     """
+    if contacts.count == 0:
+        raise ValueError("the problem has no contacts, which could wear")
     if contacts.area is None:
         raise ValueError(
             "area is missing: wear needs pressures, so pass area= to ContactProblem"

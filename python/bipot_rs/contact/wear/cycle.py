@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
+from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.path.load_steps import Gap, Totals
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.wear.arguments import WearArguments
+from bipot_rs.contact.wear.stability import STABLE, Stability
+
+# A smaller rate is far from `STABLE`, also if it is divided by two.
+SMALL_RATE = STABLE / 4
 
 
-@dataclass(frozen=True)
 class Cycle:
-    """A cycle that was solved.
+    """A cycle that is being solved, or was.
 
     Attributes
     ----------
@@ -27,15 +33,21 @@ class Cycle:
         Depth that it wore off each contact [length].
     slid : (n_c,)
         Length of slip of each contact while closed [length].
+    rubbed : (n_c,)
+        Depth that it would wear off by a slip of one in each load step.
+    parts
+        Largest number of parts of a load step.
     """
 
-    path: PathSolver
-    worn: Floats
-    slid: Floats
+    def __init__(self, path: PathSolver, contacts: int) -> None:
+        self.path = path
+        self.worn, self.slid = np.zeros(contacts), np.zeros(contacts)
+        self.rubbed = np.zeros(contacts)
+        self.parts = 1
 
     @property
     def last(self) -> Step:
-        """The last load step of the cycle."""
+        """Its last load step."""
         return self.path.steps[-1]
 
     @property
@@ -43,10 +55,20 @@ class Cycle:
         """Energy that friction dissipated in it."""
         return sum(step.dissipation for step in self.path.steps)
 
+    @property
+    def drift(self) -> Floats:
+        """Motion of each contact along the surface from its begin to its end, ``(n_c, d - 1)``."""
+        begin, end = self.path.before, self.last.relative_displacement[:, 1:]
+        if begin is None:
+            return np.array(end)
+        return np.asarray(end - begin.relative_displacement[:, 1:], np.float64)
+
 
 @dataclass(frozen=True)
 class Cycles:
     """Solves cycles of one load path.
+
+    A load step that wears off so much that the pressure would overshoot is halved.
 
     Attributes
     ----------
@@ -56,34 +78,154 @@ class Cycles:
         Totals of each load step of a cycle.
     arguments
         Contacts and wear coefficients.
+    stability
+        Bounds the part of a pressure that a load step may wear off.
+    divisible
+        Whether load steps can be divided: any loads can be solved.
     """
 
     begin_path: Callable[[Step | None], PathSolver]
     totals: Sequence[Totals]
     arguments: WearArguments
+    stability: Stability
+    divisible: bool = True
 
-    def solve(self, at: Step | None, depth: Floats, number: int) -> Cycle:
+    def solve(
+        self, at: Step | None, depth: Floats, number: int, *, parts: int = 1
+    ) -> Cycle:
         """Solve cycle ``number`` from step ``at`` on, with contacts worn to ``depth (n_c,)``.
 
         After each load step the normal gaps grow by ``k p ‖slip‖`` with ``p = r_n / area``.
+        Each load step is divided into ``parts``, and so is the largest part that is stable.
 
         Raises
         ------
         NoEquilibriumError, NotConvergedError
-            A load step failed. ``.result`` holds the load steps of this cycle before it.
+            A load step failed, or wears off too much and cannot be divided. ``.result`` holds
+            the load steps of this cycle before it.
         """
-        path, arguments = self.begin_path(at), self.arguments
-        at_start = arguments.contacts.gap_by_component
-        worn, slid = np.zeros_like(depth), np.zeros_like(depth)
-        for load, prescribed, gap in self.totals:
-            opened = _open_gaps(depth + worn, at_start if gap is None else gap)
-            step = path.advance(load, prescribed, opened)
+        cycle = Cycle(self.begin_path(at), len(depth))
+        before = self._find_totals(at)
+        for totals in self.totals:
+            self._solve_step(cycle, before, totals, depth, number, parts)
+            before = totals
+        return cycle
+
+    def can_divide(self, at: Step | None) -> bool:
+        """Whether the load steps of a cycle from ``at`` on can be divided."""
+        return self.divisible and self._find_totals(at) is not None
+
+    def find_longest(self, slid: Floats) -> float:
+        """Longest stable jump over cycles in which contacts slide by ``slid (n_c,)``."""
+        rate = self.stability.rate(self._find_wear_by_force(slid))
+        return STABLE / rate if rate > 0 else np.inf
+
+    def _find_wear_by_force(self, slid: Floats) -> Floats:
+        return self.arguments.coefficient * slid / self.arguments.area
+
+    def _solve_step(
+        self,
+        cycle: Cycle,
+        before: Totals | None,
+        after: Totals,
+        depth: Floats,
+        number: int,
+        parts: int,
+    ) -> None:
+        """Solve a load step in parts, each of which is halved until its wear is stable."""
+        path, arguments = cycle.path, self.arguments
+        # Ends of the parts that are left, as shares of the step; the next one is the last.
+        done, ends = 0.0, [1.0 - part / parts for part in range(parts)]
+        while ends:
+            load, prescribed, gap = self._find_part(before, after, ends[-1])
+            opened = _open_gaps(depth + cycle.worn, gap)
+            step = _attempt(path, load, prescribed, opened)
             press = np.maximum(step.reaction[:, 0], 0.0)
             slip = np.linalg.norm(step.slip, axis=1)
-            worn += arguments.coefficient * press / arguments.area * slip
-            slid += np.where(press > 0, slip, 0.0)
-            path.steps[-1] = replace(step, wear=depth + worn, cycle=number)
-        return Cycle(path, worn, slid)
+            slid = np.where(press > 0, slip, 0.0)
+            share = ends[-1] - done
+            excess = parts * self._find_rate(slid) / STABLE
+            if excess > 1.0:
+                self._check_divisible(path, before, share, excess)
+                path.rewind()
+                ends.append(done + share / 2)
+                continue
+            rubbed = arguments.coefficient * press / arguments.area
+            cycle.worn += rubbed * slip
+            cycle.slid += slid
+            cycle.rubbed += share * rubbed
+            cycle.parts = max(cycle.parts, round(1.0 / share))
+            path.accept(replace(step, wear=depth + cycle.worn, cycle=number))
+            done = ends.pop()
+
+    def _find_rate(self, slid: Floats) -> float:
+        """Rate of `Stability` of a part of a load step; 0 if it is small, or has no bound."""
+        by_force = self._find_wear_by_force(slid)
+        if float(by_force.max()) * self.stability.largest <= SMALL_RATE:
+            return 0.0
+        rate = self.stability.rate(by_force)
+        return rate if np.isfinite(rate) else 0.0
+
+    def _check_divisible(
+        self, path: PathSolver, before: Totals | None, share: float, excess: float
+    ) -> None:
+        """Raise if a load step cannot be divided further.
+
+        Raises
+        ------
+        NotConvergedError
+        """
+        if self.divisible and before is not None and share * tuning.MOST_PARTS > 1.0:
+            return
+        wanted = 2 ** math.ceil(math.log2(excess / share))
+        reason = (
+            "the contacts wear by more than they are pressed together, so that pressures "
+            f"would overshoot; divide the load step into {wanted}, or use a smaller "
+            "coefficient"
+        )
+        raise path.add_steps(NotConvergedError(reason))
+
+    def _find_totals(self, at: Step | None) -> Totals | None:
+        """The totals at which a cycle begins; None if they are not known."""
+        start = self.arguments.contacts.gap_by_component
+        load, prescribed, gap = self.totals[-1]
+        if at is None:
+            return np.zeros_like(load), np.zeros_like(prescribed), start
+        if at.cycle is None:
+            if at.load is None or at.prescribed is None:
+                return None
+            return at.load, at.prescribed, start if at.gap is None else at.gap
+        return load, prescribed, start if gap is None else gap
+
+    def _find_part(
+        self, before: Totals | None, after: Totals, share: float
+    ) -> tuple[Floats, Floats, Gap]:
+        """The totals after a share of a load step."""
+        load, prescribed, moved = after
+        gap: Gap = self.arguments.contacts.gap_by_component if moved is None else moved
+        if share == 1.0 or before is None:
+            return load, prescribed, gap
+        old_load, old_prescribed, old_gap = before
+        if isinstance(gap, MovingGaps) or isinstance(old_gap, MovingGaps):
+            raise TypeError("load steps with frames of their own are not divided")
+        if old_gap is None:
+            old_gap = self.arguments.contacts.gap_by_component
+        return (
+            old_load + share * (load - old_load),
+            old_prescribed + share * (prescribed - old_prescribed),
+            old_gap + share * (gap - old_gap),
+        )
+
+
+def _attempt(path: PathSolver, load: Floats, prescribed: Floats, gap: Gap) -> Step:
+    """A load step that converged, and is not yet part of the path."""
+    try:
+        step = path.attempt(load, prescribed, gap)
+    except NoEquilibriumError as error:
+        raise path.add_steps(error) from None
+    if not step.converged:
+        raise path.make_failure(step)
+    return step
 
 
 def _open_gaps(depth: Floats, gap: Gap) -> Gap:

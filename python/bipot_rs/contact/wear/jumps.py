@@ -18,11 +18,6 @@ from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConverged
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.wear.cycle import Cycle, Cycles
 from bipot_rs.contact.wear.record import LEAST, CycleEnd, Jump, Wear, WearRows
-from bipot_rs.contact.wear.stability import Stability
-
-# The longest jump is this divided by the rate of `Stability`. Twice as long would be stable;
-# with this, not even the predicted pressure overshoots.
-STABLE = 1.0
 
 
 @dataclass(frozen=True)
@@ -42,8 +37,6 @@ class CycleSolver:
     ----------
     cycles
         Solves one cycle.
-    stability
-        Bounds the length of jumps.
     on_cycle
         Called as ``on_cycle(number, step)`` with the last step of each cycle that was solved.
     """
@@ -51,14 +44,12 @@ class CycleSolver:
     def __init__(
         self,
         cycles: Cycles,
-        stability: Stability,
         on_cycle: Callable[[int, Step], object] | None = None,
     ) -> None:
         arguments = cycles.arguments
         self._cycles, self._state = cycles, arguments.state
         self._end = arguments.state.cycle + arguments.cycles
         self._rtol, self._jumps = arguments.rtol, arguments.jump
-        self._stability = stability
         self._on_cycle = on_cycle
         self._rows = WearRows.make_empty()
         self._last: Cycle | None = None
@@ -99,12 +90,31 @@ class CycleSolver:
             error.step, error.args = None, (error.reason,)
             error.wear = self._make_wear(error.reason)
             raise
+        if number == 2 or number == self._end == 1:
+            self._compare_halved_steps(cycle, number)
         self._wait = max(self._wait - 1, 0)
         self._accept(cycle, 0, np.zeros_like(cycle.worn), 0.0)
 
-    def _solve_cycle(self, at: Step | None, depth: Floats, number: int) -> Cycle:
+    def _compare_halved_steps(self, cycle: Cycle, number: int) -> None:
+        """Solve a cycle again with halved load steps, to see what their length changes."""
+        state = self._state
+        if not self._cycles.can_divide(state.at):
+            return
+        try:
+            halved = self._solve_cycle(state.at, state.depth, number, parts=2)
+        except (NoEquilibriumError, NotConvergedError):
+            return
+        deepest = float(cycle.worn.max())
+        change = float(np.abs(halved.worn - cycle.worn).max())
+        self._state = replace(
+            state, step_error=change / deepest if deepest > 0 else 0.0
+        )
+
+    def _solve_cycle(
+        self, at: Step | None, depth: Floats, number: int, *, parts: int = 1
+    ) -> Cycle:
         self._rows.paths += 1
-        return self._cycles.solve(at, depth, number)
+        return self._cycles.solve(at, depth, number, parts=parts)
 
     def _jump(self, over: int) -> bool:
         """Try to jump over cycles and to solve the one after; whether that worked."""
@@ -153,16 +163,21 @@ class CycleSolver:
         before, last = state.ends
         g0, g1, apart = before.worn, last.worn, last.cycle - before.cycle
         # Slip is counted from the end of the cycle before, whose place changes with the depth.
-        drift = (last.place - before.place) / apart
-        at, number = _shift_step(state.at, over * drift), state.cycle + over + 1
+        at, number = _shift_step(state.at, over * last.drift), state.cycle + over + 1
         predicted = self._solve_cycle(at, state.depth + over * g1, number)
         change = over * (g1 + predicted.worn) / 2
-        # The end of the predicted cycle has the slip history of about these depths.
-        cycle = self._solve_cycle(predicted.last, state.depth + change, number)
+        # The predicted cycle has gone one cycle further.
+        at = _shift_step(predicted.last, -last.drift)
+        cycle = self._solve_cycle(at, state.depth + change, number)
         g3 = cycle.worn
         slopes = (g3 - g1) / (over + 1), (g1 - g0) / apart
         bend = (slopes[0] - slopes[1]) / (over + 1 + apart)
-        estimate = over / 2 * np.abs(g3 - predicted.worn) + over**3 / 6 * np.abs(bend)
+        estimate = over / 2 * np.abs(g3 - predicted.worn) + over**3 / 2 * np.abs(bend)
+        # Error of the places, less what the predicted cycle has corrected.
+        astray = over / 2 * (cycle.drift - last.drift) - (predicted.drift - cycle.drift)
+        estimate += over / 2 * cycle.rubbed * np.linalg.norm(astray, axis=1)
+        # The worn depths are known to the tolerance of the solver.
+        estimate += cycle.last.tolerance * float(change.max())
         energy = over * (state.lost + predicted.dissipation) / 2
         return JumpTrial(cycle, change, energy, estimate)
 
@@ -186,7 +201,8 @@ class CycleSolver:
         volume = before.volume + float((change + cycle.worn) @ area)
         spent = cycle.dissipation
         total = before.energy + energy + spent
-        end = CycleEnd(number, cycle.worn, cycle.last.relative_displacement[:, 1:])
+        longest = self._cycles.find_longest(cycle.slid)
+        end = CycleEnd(number, cycle.worn, cycle.drift)
         self._state = replace(
             before,
             cycle=number,
@@ -194,8 +210,9 @@ class CycleSolver:
             volume=volume,
             energy=total,
             lost=spent,
-            # Without jumps, the bound after the last cycle is enough.
-            longest=self._find_longest(cycle) if self._jumps else np.inf,
+            longest=longest,
+            least_longest=min(before.least_longest, longest),
+            parts=max(before.parts, cycle.parts),
             at=cycle.last,
             ends=(*before.ends, end)[-2:],
         )
@@ -207,19 +224,11 @@ class CycleSolver:
         if self._on_cycle is not None:
             self._on_cycle(number, cycle.last)
 
-    def _find_longest(self, cycle: Cycle) -> float:
-        """Longest stable jump after a cycle."""
-        arguments = self._cycles.arguments
-        worn_by_force = arguments.coefficient * cycle.slid / arguments.area
-        rate = self._stability.rate(worn_by_force)
-        return STABLE / rate if rate > 0 else np.inf
-
     def _make_wear(self, failed: str | None = None) -> Wear:
-        state, last = self._state, self._last
-        if last is not None:
-            state = replace(state, longest=self._find_longest(last))
+        last = self._last
         path = None if last is None else last.path
-        return self._rows.make_wear(state, self._cycles.arguments.area, path, failed)
+        area = self._cycles.arguments.area
+        return self._rows.make_wear(self._state, area, path, failed)
 
 
 def _shift_step(step: Step | None, by: Floats) -> Step | None:

@@ -10,6 +10,7 @@ import numpy as np
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
@@ -54,13 +55,13 @@ class CycleEnd:
         Its number.
     worn : (n_c,)
         Depth that it wore off.
-    place : (n_c, d - 1)
-        Tangential relative displacement at its end.
+    drift : (n_c, d - 1)
+        Motion of each contact along the surface from its begin to its end.
     """
 
     cycle: int
     worn: Floats
-    place: Floats
+    drift: Floats
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,8 @@ class WearState:
         Allowed error that jumps have taken beyond their shares.
     estimate : (n_c,)
         Sum of the estimates of all jumps made.
+    least_longest, parts, step_error
+        As `longest`, `parts` and `step_error` of `Wear`.
     """
 
     cycle: int
@@ -99,6 +102,9 @@ class WearState:
     longest: float
     spent: float
     estimate: Floats
+    least_longest: float = np.inf
+    parts: int = 1
+    step_error: float | None = None
 
     @classmethod
     def begin(cls, at: Step | None, contacts: int) -> WearState:
@@ -131,10 +137,18 @@ class Wear:
         Largest sum of the estimates of the jumps at a contact, relative to the largest
         depth; 0 without jumps.
     longest
-        Bound of a jump for stability, in cycles, after the last cycle. Below 0.5 single
-        cycles may oscillate: divide the cycle into more load steps.
+        Bound of a jump for stability, in cycles; the least of those after all cycles. Where it
+        is small, load steps are divided.
+    parts
+        Largest number of parts of a load step. A load step whose wear would make pressures
+        overshoot is halved until it does not.
+    step_error
+        Change of the depth that a cycle wears off if its load steps are halved, relative to the
+        largest depth that it wears off: an estimate of the error of its load steps. The second
+        cycle is compared, or the only one; ``None`` if load steps cannot be divided, because
+        they have frames of their own, or the problem was made with ``loads``.
     paths
-        Number of load paths that were solved.
+        Number of load paths that were solved, with that of the halved load steps.
     result
         `Result` of the last cycle; ``None`` if there is none.
     ends
@@ -156,6 +170,8 @@ class Wear:
     jumps: tuple[Jump, ...]
     error_estimate: float
     longest: float
+    parts: int
+    step_error: float | None
     paths: int
     result: Result | None
     ends: Result | None
@@ -178,11 +194,17 @@ class Wear:
                 f"{count_noun(self.rejected, 'jump')} rejected, estimated error "
                 f"{self.error_estimate:.1e} of the largest depth"
             )
-        if self.longest < 0.5:
+        if np.isfinite(self.longest):
+            paths += f"; stable jumps have at most {self.longest:.3g} cycles"
+        if self.parts > 1:
             paths += (
-                "; a cycle wears off so much that pressures of neighbours may oscillate: "
-                "divide it into more load steps"
+                f"; load steps were divided into up to {self.parts}, because they wear off "
+                "more than the contacts are pressed together"
             )
+        if self.step_error is not None:
+            paths += f"; halved load steps change a cycle by {self.step_error:.1e}"
+            if self.step_error > tuning.COARSE_CYCLE:
+                paths += " of its depth: divide the cycle into more load steps"
         return paths
 
     @property
@@ -283,7 +305,9 @@ class WearRows:
             total_dissipation=totals[:, 1],
             jumps=tuple(self.jumps),
             error_estimate=off / deepest if deepest > 0 else 0.0,
-            longest=state.longest,
+            longest=state.least_longest,
+            parts=state.parts,
+            step_error=state.step_error,
             paths=self.paths,
             result=result,
             ends=ends,

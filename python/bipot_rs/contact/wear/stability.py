@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,10 @@ from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts
 from bipot_rs.contact import tuning
+
+# A cycle, a part of a load step and a jump may have this rate per cycle. With twice as much wear
+# would be stable; with this, not even the predicted pressure overshoots.
+STABLE = 1.0
 
 
 class Stability:
@@ -59,6 +64,13 @@ class Stability:
         """``X K Xᵀ v``."""
         product: Floats = self._solve(self._energy @ self._solve(v))
         return product
+
+    @cached_property
+    def largest(self) -> float:
+        """Bound of the rate if a unit force wears off a unit depth at each contact."""
+        count = int(self._own.max(initial=-1)) + 1
+        # Three digits.
+        return 1.01 * self.rate(np.ones(count))
 
     def rate(self, worn_by_force: Floats) -> float:
         """Largest eigenvalue of ``Σ X K Xᵀ`` (32), without unit, to three digits.

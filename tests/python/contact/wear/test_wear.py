@@ -2,6 +2,7 @@
 
 import pickle
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from bipot_rs import _core
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.path.load_path import PathSolver
+from bipot_rs.contact.wear import cycle as cycle_of_wear
 from bipot_rs.contact.wear import jumps
 from bipot_rs.contact.wear.stability import Stability
 from bipot_rs.scene.build import bodies
@@ -120,7 +122,8 @@ def test_jumps_agree_with_every_cycle(kind: str, rtol: float) -> None:
     assert 0 < jumped.error_estimate <= rtol / 2
     # Later cycles may amplify errors, but the estimate has the right size.
     assert jumped.error_estimate > error / 3
-    assert jumped.paths < last / 3
+    # The statuses of the pad change all the time, which ends jumps.
+    assert jumped.paths < (0.75 if kind == "pad" else 1 / 3) * last
     assert jumped.cycle[-1] == last
     # The interpolation within jumps: an error of the same kind.
     cycles = range(1, last + 1)
@@ -157,7 +160,7 @@ def test_jumps_have_second_order(problem: str, monkeypatch: pytest.MonkeyPatch) 
     errors = np.array([abs(solved(int(n)) - exact).max() for n in over])
     order = np.diff(np.log(errors)) / np.diff(np.log(over * (over - 1.0))) * 2
     # The terms of higher order disturb the limit of 2.
-    assert (abs(order - 2) < 0.15).all(), order
+    assert (abs(order - 2) < 0.2).all(), order
 
 
 def test_results_do_not_depend_on_units() -> None:
@@ -250,12 +253,13 @@ def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
         wear = problem.wear(
             prescribed=cycle, coefficient=COEFFICIENT / 2, cycles=50, jump=jump
         )
-        assert steps == 4 * wear.paths
+        # That with halved steps has twice as many.
+        assert steps == 4 * (wear.paths + 1)
         made = sum(j.accepted for j in wear.jumps)
         # Two cycles for each jump, one of which is the next row.
-        assert wear.paths <= len(wear.cycle) + made + 2 * wear.rejected
+        assert wear.paths <= 1 + len(wear.cycle) + made + 2 * wear.rejected
         if not jump:
-            assert wear.paths == 50
+            assert wear.paths == 1 + 50
     del body
 
 
@@ -289,7 +293,7 @@ def test_longer_jumps_would_let_pressures_oscillate(
     assert 0.5 * stable.longest < longest < 2 * stable.longest
     # Wear evens out the pressure: what alternates falls. Beyond the bound it grows instead.
     assert alternating(stable.pressure[-1]) < alternating(stable.pressure[0])
-    monkeypatch.setattr(jumps, "STABLE", 5.0)
+    monkeypatch.setattr(cycle_of_wear, "STABLE", 5.0)
     unstable = flat.wear(**arguments)
     assert alternating(unstable.pressure[-1]) > 10 * alternating(stable.pressure[-1])
 
@@ -326,16 +330,100 @@ def test_contacts_of_one_degree_of_freedom_forbid_jumps() -> None:
     wear = problem.wear(PULL, coefficient=1e-9, cycles=9)
     assert wear.longest == 0
     assert wear.jumps == ()
-    assert wear.paths == 9
+    # With the second cycle in halved steps.
+    assert wear.paths == 10
 
 
-def test_cycles_that_wear_too_much_are_told() -> None:
-    # A cycle of one contact has the rate k slip K / area; the first slips by 4 and 8 mm.
-    for k, told in ((1e-6, False), (2e-5, True)):
-        wear = spring().wear(PULL, coefficient=k, cycles=1, jump=False)
-        # Three digits.
-        assert wear.longest == pytest.approx(1 / (k * 12e-3 * 1e3 / 1e-4), rel=5e-3)
-        assert ("may oscillate" in wear.said) == told
+@pytest.mark.parametrize(("coefficient", "parts"), [(1e-6, 1), (2e-5, 2), (4e-5, 4)])
+def test_load_steps_that_wear_too_much_are_divided(
+    coefficient: float, parts: int
+) -> None:
+    """A step of one contact has the rate k slip K / area. The steps slip by 4 and 8 mm."""
+    wear = spring().wear(PULL, coefficient=coefficient, cycles=1, jump=False)
+    # Three digits.
+    rate = coefficient * 1e3 / 1e-4
+    assert wear.longest == pytest.approx(1 / (rate * 12e-3), rel=5e-3)
+    assert wear.parts == parts == 2 ** max(0, np.ceil(np.log2(rate * 8e-3)))
+    assert ("were divided into up to" in wear.said) == (parts > 1)
+    # Each part lowers the pressure by its rate, and the approach is 10 mm.
+    first = 2 ** max(0, np.ceil(np.log2(rate * 4e-3)))
+    left = (1 - rate * 4e-3 / first) ** first * (1 - rate * 8e-3 / parts) ** parts
+    np.testing.assert_allclose(wear.depth[-1], 0.01 * (1 - left), rtol=SAME)
+
+
+def test_load_steps_that_cannot_be_divided_are_refused() -> None:
+    """With loads= only these can be solved, and too many parts take too long."""
+    loads = bp.ContactProblem(
+        1e3 * np.eye(2), np.eye(2), gap=[-0.01], mu=0.0, area=[1e-4], loads=PULL
+    )
+    with pytest.raises(NotConvergedError, match=r"^cycle 1: .*divide the load step in"):
+        loads.wear(coefficient=1e-3, cycles=3)
+    with pytest.raises(NotConvergedError, match=r"divide the load step into 65536,"):
+        spring().wear(PULL, coefficient=1.0, cycles=3)
+    # The loads of a state are not known.
+    pressed = spring().solve([[0.0, 0.0]])
+    state = bp.State(
+        reaction=pressed.reaction[-1],
+        relative_displacement=pressed.relative_displacement[-1],
+    )
+    with pytest.raises(NotConvergedError, match="smaller coefficient"):
+        spring().wear(PULL, coefficient=1e-3, cycles=3, start=state)
+    assert spring().wear(PULL, coefficient=1e-3, cycles=3, start=pressed).success
+
+
+@pytest.mark.parametrize("coefficient", [1e-3, 1e-2, 1e-1])
+@pytest.mark.parametrize("jump", [False, True])
+def test_a_pad_wears_by_its_approach_at_most(coefficient: float, jump: bool) -> None:
+    """A flat pad that slides everywhere is pressed by 0.005."""
+    body, problem, _ = pad()
+    flat = bp.ContactProblem(
+        body.K, body.B, gap=body.gap, mu=0.3, fixed=problem.stiffness.options.fixed,
+        area=body.area,
+    )  # fmt: skip
+    m = len(problem.stiffness.options.fixed) // 2
+    cycle = np.repeat([[0.1, -0.005], [-0.1, -0.005]], m, axis=1)
+    wear = flat.wear(prescribed=cycle, coefficient=coefficient, cycles=20, jump=jump)
+    # The edges are pressed by the shear of the pad too, by at most a hundredth.
+    assert wear.depth.max() <= 1.01 * 0.005
+    assert wear.depth[-1].min() >= 0.9 * 0.005
+    # The least bound of all cycles, not that of the last one, in which nothing touches.
+    assert wear.longest < 0.25
+    assert "stable jumps have at most 0." in wear.said
+
+
+def test_load_steps_that_are_too_long_are_told() -> None:
+    """A pad is pressed and moved at once: it slides while it is hardly pressed."""
+    problem = pad()[1]
+    m = len(problem.stiffness.options.fixed) // 2
+    cycle = np.repeat([[0.05, -0.02], [0.0, -0.002]], m, axis=1)
+    worn = []
+    for parts in (1, 2, 4, 8):
+        shares = np.arange(1, parts + 1)[:, None] / parts
+        ends = [cycle[k - 1] + shares * (cycle[k] - cycle[k - 1]) for k in (0, 1)]
+        wear = problem.wear(
+            prescribed=np.concatenate(ends), coefficient=1e-5, cycles=2, tol=TOL
+        )
+        worn.append((wear.worn[1], wear.step_error, wear.said))
+    for (one, error, said), (halved, _, _) in pairwise(worn):
+        change = abs(halved - one).max() / one.max()
+        # The second cycle from the end of the first one, which has another history.
+        assert error == pytest.approx(change, rel=0.3)
+        assert ("into more load steps" in said) == (error > 0.1)
+    errors = [error for _, error, _ in worn]
+    assert errors[0] > 0.2
+    # Of the first order.
+    assert errors[-1] < 0.3 * errors[0]
+
+
+def test_cycles_with_one_load_step_and_frames_are_not_compared() -> None:
+    one = spring().wear(PULL[:1], coefficient=1e-9, cycles=3, jump=False)
+    assert one.step_error == 0.0
+    moving = bp.MovingGaps([[-0.01]] * 2, [[np.eye(2)]] * 2, np.zeros((2, 1, 2)))
+    framed = spring(frame=[np.eye(2)]).wear(
+        PULL, coefficient=1e-9, cycles=3, gap=moving
+    )
+    assert framed.step_error is None
+    assert "halved" not in framed.said
 
 
 def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
@@ -439,7 +527,8 @@ def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
 def test_a_step_that_fails_keeps_the_cycles_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    stalls(monkeypatch, 4 * 2 + 3)
+    # After two cycles, and the second one with halved steps.
+    stalls(monkeypatch, 4 * 2 + 8 + 3)
     with pytest.raises(NotConvergedError, match=r"^cycle 3: load step 3: ") as raised:
         worn_pad(cycles=9, jump=False)
     error = raised.value
@@ -463,7 +552,8 @@ def test_a_step_that_fails_keeps_the_cycles_before(
 
 def test_a_trial_that_fails_is_a_rejected_jump(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = spring().wear(PULL, coefficient=1e-9, cycles=60)
-    stalls(monkeypatch, 2 * 2 + 2)
+    # After two cycles, and the second one with halved steps.
+    stalls(monkeypatch, 2 * 2 + 4 + 2)
     wear = spring().wear(PULL, coefficient=1e-9, cycles=60)
     assert not wear.jumps[0].accepted
     assert np.isnan(wear.jumps[0].estimate)
@@ -495,6 +585,15 @@ def test_wrong_arguments_are_refused(changed: dict[str, Any], message: str) -> N
     arguments: dict[str, Any] = {"coefficient": 1e-9, "cycles": 3} | changed
     with pytest.raises((TypeError, ValueError), match=message):
         spring().wear(PULL, **arguments)
+
+
+def test_wear_needs_contacts_and_load_steps() -> None:
+    with pytest.raises(ValueError, match=r"^the problem has no contacts"):
+        bp.ContactProblem(np.eye(2), np.zeros((0, 2)), gap=[], mu=0.3, dim=2).wear(
+            PULL, coefficient=1e-9, cycles=3
+        )
+    with pytest.raises(ValueError, match="no load steps, expected a cycle of at least"):
+        spring().wear(np.zeros((0, 2)), coefficient=1e-9, cycles=3)
 
 
 def test_wear_needs_areas_and_a_matching_start() -> None:
