@@ -25,13 +25,13 @@ def path() -> bp.Result:
 def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The number of contacts of each tangent system that is factored."""
     counts: list[int] = []
-    factored = CondensedResponse.factored
+    factor_laws = CondensedResponse.factor_laws
 
     def counted(self: CondensedResponse, laws: Any) -> Any:
         counts.append(len(laws.contacts))
-        return factored(self, laws)
+        return factor_laws(self, laws)
 
-    monkeypatch.setattr(CondensedResponse, "factored", counted)
+    monkeypatch.setattr(CondensedResponse, "factor_laws", counted)
     return counts
 
 
