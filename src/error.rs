@@ -51,9 +51,9 @@ pub enum Error {
     /// Row pointers or column indices that do not describe a sparse matrix.
     #[error("{what} is not a valid sparse matrix: its structure breaks at row {row}")]
     SparseStructure { what: &'static str, row: usize },
-    /// A friction coefficient that is negative or not finite.
-    #[error("mu of contact {node} is {mu}, expected a finite number, zero or positive")]
-    Friction { node: usize, mu: f64 },
+    /// A friction coefficient that is negative, not a number or too large.
+    #[error("mu of contact {node} is {mu:?}, expected zero or positive, at most {largest:e}")]
+    Friction { node: usize, mu: f64, largest: f64 },
     /// Two friction coefficients of a contact that differ by too large a factor.
     #[error(
         "mu of contact {node} is ({}, {}), expected two positive numbers within a factor \

@@ -46,6 +46,7 @@ __all__ = [
     "free_motions",
     "is_sparse",
     "isotropic",
+    "largest_friction",
     "largest_friction_ratio",
     "largest_reaction",
     "least_balanced",
@@ -68,6 +69,7 @@ _Indices = Integers
 _Csr = tuple[_Indices, _Indices, _Floats]
 
 build_profile: Final[str]
+largest_friction: Final[float]
 largest_friction_ratio: Final[float]
 largest_reaction: Final[float]
 least_balanced: Final[float]

@@ -35,7 +35,7 @@ use crate::reduced::validate::{check_finite, check_length};
 /// The arrays of a contact problem, borrowed from the caller.
 #[derive(Debug)]
 pub struct ProblemArrays<'a, const D: usize, I = usize> {
-    /// Symmetric positive semidefinite stiffness, both triangles; the lower one is read.
+    /// Symmetric positive semidefinite stiffness, both triangles, by columns; the lower one is read.
     pub stiffness: Symmetric<'a, I>,
     /// `B`, with one row for each component of each contact.
     pub contact: Rows<'a>,

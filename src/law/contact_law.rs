@@ -2,6 +2,10 @@
 
 use crate::error::Error;
 
+/// The largest friction coefficient. The products of two squares of such numbers, as in
+/// `(1 + μ₁²)(1 + μ₂²)`, stay in the range of doubles with eight decades to spare.
+pub const LARGEST_FRICTION: f64 = 1e75;
+
 /// The numbers of the law (8) of one contact. They are checked once, by [`check`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactLaw {
@@ -29,12 +33,22 @@ pub fn check(laws: &[ContactLaw], contacts: usize) -> Result<(), Error> {
             found: laws.len(),
         });
     }
-    let valid = |law: &ContactLaw| law.mu.is_finite() && law.mu >= 0.0;
-    match laws.iter().position(|law| !valid(law)) {
-        Some(node) => Err(Error::Friction {
+    let mut numbered = laws.iter().enumerate();
+    numbered.try_for_each(|(node, law)| check_friction(node, law.mu))
+}
+
+/// Checks a friction coefficient of a contact.
+///
+/// # Errors
+/// [`Error::Friction`].
+pub fn check_friction(node: usize, mu: f64) -> Result<(), Error> {
+    if (0.0..=LARGEST_FRICTION).contains(&mu) {
+        Ok(())
+    } else {
+        Err(Error::Friction {
             node,
-            mu: laws[node].mu,
-        }),
-        None => Ok(()),
+            mu,
+            largest: LARGEST_FRICTION,
+        })
     }
 }

@@ -36,7 +36,7 @@ impl From<Error> for PyErr {
                 IndexRange { what, position, found, limit },
                 Repeated { what, index, first, second },
                 SparseStructure { what, row },
-                Friction { node, mu },
+                Friction { node, mu, largest },
                 EllipticFriction { node, mu, ratio },
                 Setting { what, found, expected },
                 NotHeld { method },

@@ -78,6 +78,11 @@ mod _core {
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const largest_friction_ratio: f64 = crate::reduced::elliptic_scaling::LARGEST_RATIO;
 
+    /// Friction coefficients are at most this.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const largest_friction: f64 = crate::law::contact_law::LARGEST_FRICTION;
+
     /// Reactions that are this many times the loads are not a solution.
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]

@@ -14,10 +14,11 @@ use crate::proof::uniqueness::Unique;
 use crate::python::arrays::{self, LawArrays, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solution::PySolution;
+use crate::reduced::best_motion::best_motion;
 use crate::reduced::compliance::{Compliance, Part};
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::reduced::{Reduced, Rigid};
-use crate::reduced::residual::{Certificate, best_motion};
+use crate::reduced::residual::Certificate;
 use crate::solver::monitor::Progress;
 use crate::solver::{self, Settings, Start, certify, enumerate};
 

@@ -16,6 +16,7 @@
 use std::borrow::Cow;
 
 use crate::error::Error;
+use crate::law::contact_law::check_friction;
 use crate::linalg::small::Block;
 
 /// The tangential part of `T` of each contact in space, in the numbering of the caller.
@@ -34,16 +35,15 @@ pub const LARGEST_RATIO: f64 = 1e6;
 
 impl EllipticScaling {
     /// # Errors
-    /// [`Error::Friction`] for a coefficient that is negative or not finite,
+    /// [`Error::Friction`] for a coefficient out of range,
     /// [`Error::EllipticFriction`] for two coefficients with a ratio above [`LARGEST_RATIO`],
     /// or if only one of them is zero.
     pub fn new(mu: &[[f64; 2]]) -> Result<Friction, Error> {
         let mut round = Vec::with_capacity(mu.len());
         let mut tangents = Vec::with_capacity(mu.len());
         for (node, &pair) in mu.iter().enumerate() {
-            // Written such that a NaN fails.
-            if let Some(&mu) = pair.iter().find(|m| !(m.is_finite() && **m >= 0.0)) {
-                return Err(Error::Friction { node, mu });
+            for mu in pair {
+                check_friction(node, mu)?;
             }
             let largest = pair[0].max(pair[1]);
             let t = if largest > 0.0 {

@@ -1,6 +1,7 @@
 //! The contact problem in the reactions, `v = W r + q`, without any algorithm.
 
 pub mod balance;
+pub mod best_motion;
 pub mod compliance;
 pub mod elliptic_scaling;
 pub mod existence;

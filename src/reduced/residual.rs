@@ -6,9 +6,8 @@
 //! the larger of this and `‖R̂ᵀ r̂ + ê‖ / ‖ê‖`.
 
 use crate::law::bipotential;
-use crate::law::cone::{Status, derivative};
-use crate::linalg::least_squares;
-use crate::linalg::small::{Vector, length, norm, tangential_norm};
+use crate::law::cone::Status;
+use crate::linalg::small::{length, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::tuning;
 
@@ -143,8 +142,8 @@ fn relative<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], law: f64, whol
     ))
 }
 
-/// `‖F(r)‖`; calls `told` with the status of each contact.
-fn law_norm<const D: usize>(
+/// `‖F(r)‖`; calls `report` with the status of each contact.
+pub(super) fn law_norm<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
     v: &[[f64; D]],
@@ -210,98 +209,6 @@ pub fn scaled_imbalance<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) ->
         .zip(&scaling.load)
         .map(of_mode)
         .collect()
-}
-
-/// The rigid motion `a` that makes `‖F‖` small for a given reaction.
-///
-/// Gauss–Newton on `â ↦ F`. It starts from the motion of least squares for which pressed
-/// contacts do not open and contacts inside their cone do not slip.
-#[must_use]
-pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
-    let scaling = &problem.scaling;
-    let v = problem.relative_displacement(r, &[]);
-    let held = |i: usize| {
-        let inside = tangential_norm(&r[i]) < problem.law[i].mu * r[i][0];
-        match (r[i][0] > 0.0, inside) {
-            (false, _) => 0,
-            (true, false) => 1,
-            (true, true) => D,
-        }
-    };
-    let rows = |field: &[[f64; D]], scale: &dyn Fn(usize) -> f64| -> Vec<f64> {
-        let of_node = |i: usize| (0..held(i)).map(move |k| field[i][k] * scale(i));
-        (0..r.len()).flat_map(of_node).collect()
-    };
-    let columns: Vec<Vec<f64>> = scaling
-        .modes
-        .iter()
-        .map(|mode| rows(mode, &|_| 1.0))
-        .collect();
-    let right = rows(&v, &|i| -scaling.to_v[i]);
-    let mut motion = fit(&columns, &right);
-    let misfit = |motion: &[f64]| {
-        let a = scaling.rigid_from_scaled(motion);
-        residual(problem, r, &problem.relative_displacement(r, &a), &a)
-    };
-    let mut best = misfit(&motion);
-    for _ in 0..20 {
-        let (columns, right) = linearised(problem, r, &v, &motion);
-        let step = fit(&columns, &right);
-        let shorter = (0..10).map(|halvings| 0.5_f64.powi(halvings));
-        let better = shorter
-            .map(|share| {
-                motion
-                    .iter()
-                    .zip(&step)
-                    .map(|(a, s)| a + share * s)
-                    .collect::<Vec<_>>()
-            })
-            .map(|trial| (misfit(&trial), trial))
-            .find(|(value, _)| *value < best);
-        let Some((value, trial)) = better else { break };
-        (best, motion) = (value, trial);
-    }
-    scaling.rigid_from_scaled(&motion)
-}
-
-fn fit(columns: &[Vec<f64>], right: &[f64]) -> Vec<f64> {
-    let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-    least_squares::solve(&columns, right)
-}
-
-/// Columns of `∂F/∂â`, and `−F`, at a scaled rigid motion.
-fn linearised<const D: usize>(
-    problem: &Reduced<D>,
-    r: &[[f64; D]],
-    free: &[[f64; D]],
-    motion: &[f64],
-) -> (Vec<Vec<f64>>, Vec<f64>) {
-    let scaling = &problem.scaling;
-    let mut columns = vec![Vec::with_capacity(D * r.len()); motion.len()];
-    let mut right = Vec::with_capacity(D * r.len());
-    for i in 0..r.len() {
-        let mu = problem.law[i].mu;
-        let force = r[i].map(|c| c * scaling.to_r[i]);
-        let mut v = free[i].map(|c| c * scaling.to_v[i]);
-        for (mode, amount) in scaling.modes.iter().zip(motion) {
-            for (value, m) in v.iter_mut().zip(&mode[i]) {
-                *value += m * amount;
-            }
-        }
-        let (projected, _) = bipotential::law_step(&force, &v, 1.0, mu);
-        right.extend(force.iter().zip(&projected).map(|(x, p)| p - x));
-        let tau: Vector<D> = Vector::from(force) - Vector::from(bipotential::corrected(&v, mu));
-        let jacobian = derivative(&tau.into(), mu);
-        let slip = tangential_norm(&v);
-        for (column, mode) in columns.iter_mut().zip(&scaling.modes) {
-            let mut change = Vector::from(mode[i]);
-            if slip > 0.0 {
-                change[0] += mu * (1..D).map(|k| v[k] / slip * mode[i][k]).sum::<f64>();
-            }
-            column.extend((jacobian * change).iter());
-        }
-    }
-    (columns, right)
 }
 
 /// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction; infinite if it is

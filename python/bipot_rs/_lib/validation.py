@@ -197,7 +197,7 @@ def describe_enforced(parts: Parts) -> str:
 
 
 # Products of squares of such numbers do not overflow or underflow.
-_LEAST, _MOST = 1e-75, 1e75
+_LEAST, _MOST = 1e-75, _core.largest_friction
 RATIO = _core.largest_friction_ratio
 
 
@@ -215,12 +215,19 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
         raise ValueError(
             f"mu has shape {coefficients.shape}, expected a number or {wished}"
         )
-    if (coefficients < 0).any():
-        at = np.argwhere(coefficients < 0)[0]
-        along = "" if len(at) == 1 else f" along tangent {at[1] + 1}"
-        raise ValueError(
-            f"mu of contact {at[0]}{along} is {coefficients[tuple(at)]}, expected zero or positive"
-        )
+    for wrong, expected in (
+        (coefficients < 0, "zero or positive"),
+        (
+            coefficients > _MOST,
+            f"at most {_MOST:g}: products of larger squares overflow",
+        ),
+    ):
+        if wrong.any():
+            at = np.argwhere(wrong)[0]
+            along = "" if len(at) == 1 else f" along tangent {at[1] + 1}"
+            raise ValueError(
+                f"mu of contact {at[0]}{along} is {coefficients[tuple(at)]}, expected {expected}"
+            )
     if coefficients.ndim == 2:
         _two_coefficients(coefficients, ratio)
     return coefficients
@@ -249,7 +256,7 @@ def _two_coefficients(mu: Floats, ratio: float) -> None:
     for wrong, expected in (
         (apart & (least == 0), "two positive numbers, or two zeros"),
         (
-            apart & ((least < _LEAST) | (most > _MOST)),
+            apart & (least < _LEAST),
             f"numbers from {_LEAST:g} to {_MOST:g} if they differ",
         ),
         (

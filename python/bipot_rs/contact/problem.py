@@ -55,7 +55,8 @@ class ContactProblem:
     ----------
     K
         Stiffness, ``(n, n)``, symmetric positive semidefinite: any sparse format of
-        SciPy, or dense. It holds both triangles; the values of the lower one are used.
+        SciPy, or dense. It holds both triangles; of entries that differ by rounding, the
+        direct engine uses the upper ones.
     B
         Contact operator, ``(d n_c, n)``: row ``d i + k`` is component ``k`` of contact
         ``i``, normal first, so that ``B u + gap`` is the relative displacement and

@@ -172,9 +172,10 @@ class ReducedProblem:
     def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
         """Residual η of (13) at the reactions ``r (n_c, d)``, the same for all methods.
 
-        If there are rigid motions and ``a (k,)`` is not given, it is found by least
-        squares. If ``mu`` is ``(n_c, 2)``, η is that of the scaled variables of section 3
-        of ``docs/theory.md``.
+        If there are rigid motions and ``a (k,)`` is not given, η is the least over all
+        ``a``: of a solution at most ten times that with its own ``a``, to rounding. If
+        ``mu`` is ``(n_c, 2)``, η is that of the scaled variables of section 3 of
+        ``docs/theory.md``.
 
         Raises
         ------

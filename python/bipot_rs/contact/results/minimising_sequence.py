@@ -23,8 +23,10 @@ class MinimisingSequence:
     value, ``u_i`` minimises ``B(·, σ_i)`` [dSF91, 33], and ``σ_(i+1)`` minimises ``B(u_i, ·)``
     [dSF91, 31]. So ``B`` does not increase [dSF91, 32, 34]. It falls to zero at a solution,
     or to a positive limit without one. Each minimum is computed to a hundredth of η times
-    the error of the fields before, because ``B`` is of second order in the error. ``r_i`` may
-    lie outside its cone by as much, and ``v_i`` may penetrate by as much.
+    the error of the fields before, because ``B`` is of second order in the error, and more
+    accurately where ``B`` would increase. ``v_i`` may penetrate by as much, which counts as
+    zero in ``B``. Both properties hold to the rounding of ``B``: 16 ε of the product of
+    ``|W||r| + |q|`` and ``r``, in norms, with the larger of both reactions, times 1 + mu.
 
     Attributes
     ----------

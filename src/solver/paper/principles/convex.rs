@@ -102,7 +102,8 @@ pub fn minimise<const D: usize>(
 }
 
 /// Below the last measured rounding of `W r + q` no iteration helps.
-fn rounding<const D: usize>(
+#[must_use]
+pub fn rounding<const D: usize>(
     problem: &Reduced<D>,
     point: &PrinciplePoint<D>,
     monitor: &Monitor<D>,
@@ -191,8 +192,9 @@ fn begin<const D: usize>(
     PrinciplePoint::new(problem, start.reaction.clone(), rigid)
 }
 
-/// A start may lie outside the cones: its pressures would not be valid friction limits.
-fn into_cones<const D: usize>(
+/// A start, or a minimum that is not exact, may lie outside the cones: its pressures would not be
+/// valid friction limits, and the bipotential is infinite.
+pub fn into_cones<const D: usize>(
     problem: &Reduced<D>,
     point: &mut PrinciplePoint<D>,
     monitor: &mut Monitor<D>,

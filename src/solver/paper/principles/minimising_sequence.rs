@@ -13,11 +13,14 @@
 //! minimum for the other and neither is a solution.
 
 use crate::law::bipotential::gap;
+use crate::law::frozen::Frozen;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::outcome::Ended;
-use crate::solver::paper::principles::convex::{PrinciplePoint, iterate, minimise};
+use crate::solver::paper::principles::convex::{
+    PrinciplePoint, into_cones, iterate, minimise, rounding,
+};
 use crate::solver::paper::principles::displacement_principle;
 use crate::solver::paper::principles::stress_principle;
 use crate::solver::settings::Start;
@@ -33,8 +36,8 @@ pub struct Sequence<const D: usize> {
     pub balanced: Vec<Vec<[f64; D]>>,
     /// `v` of `u_0, u_1, …`.
     pub relative_displacement: Vec<Vec<[f64; D]>>,
-    /// `B` at `(u_0, σ_0), (u_0, σ_1), (u_1, σ_1), …`, in units of work; it does not increase
-    /// [dSF91, 32, 34].
+    /// `B` at `(u_0, σ_0), (u_0, σ_1), (u_1, σ_1), …`, in units of work; except for
+    /// rounding it is not negative and does not increase [dSF91, 32, 34].
     pub bifunctional: Vec<f64>,
 }
 
@@ -54,7 +57,8 @@ impl<const D: usize> Sequence<D> {
     }
 }
 
-/// `B` of displacements in equilibrium with `of_u`, and of reactions, in units of work.
+/// `B` of displacements in equilibrium with `of_u`, and of reactions in their cones, in units of
+/// work. `v_n < 0` by the error of the displacements counts as closed: it is no work to be won.
 ///
 /// `W (τ − r)` is the difference of the two `v`, so that no product is needed.
 #[must_use]
@@ -68,9 +72,53 @@ pub fn bifunctional<const D: usize>(
             let energy: f64 = (0..D)
                 .map(|k| (of_u.r[i][k] - of_r.r[i][k]) * (of_u.v[i][k] - of_r.v[i][k]))
                 .sum();
-            0.5 * energy + gap(&of_r.r[i], &of_u.v[i], problem.law[i].mu)
+            let mut v = of_u.v[i];
+            v[0] = v[0].max(0.0);
+            0.5 * energy + gap(&of_r.r[i], &v, problem.law[i].mu)
         })
         .sum()
+}
+
+/// `B` and a bound of its rounding: that of `v`, in the last measured floor of η, times the
+/// reactions.
+fn measure<const D: usize>(
+    problem: &Reduced<D>,
+    of_u: &PrinciplePoint<D>,
+    of_r: &PrinciplePoint<D>,
+    monitor: &Monitor<D>,
+) -> (f64, f64) {
+    let scaling = &problem.scaling;
+    let forces = scaling.reaction_norm(&of_u.r) + scaling.reaction_norm(&of_r.r);
+    let scaled = rounding(problem, of_r, monitor) * forces;
+    let units = scaling.to_v.first().zip(scaling.to_r.first());
+    let rounding = units.map_or(0.0, |(to_v, to_r)| scaled / to_v / to_r);
+    (bifunctional(problem, of_u, of_r), rounding)
+}
+
+/// Solves one step, from a field to the minimum of `B` for the other field, with the value there.
+///
+/// A minimum that is not accurate enough may have a larger `B` than before; then it is computed
+/// more accurately. `None` if it still has: the field before is the better one. `measure` gives
+/// `B` and its rounding.
+fn step<const D: usize>(
+    problem: &Reduced<D>,
+    (frozen, from): (&[Frozen<D>], &PrinciplePoint<D>),
+    mut enough: f64,
+    monitor: &mut Monitor<D>,
+    largest: f64,
+    measure: impl Fn(&mut PrinciplePoint<D>, &mut Monitor<D>) -> (f64, f64),
+) -> Result<Option<(PrinciplePoint<D>, f64)>, Ended> {
+    let mut from = from.clone();
+    for _ in 0..tuning::sequence_refinements() {
+        let mut point = minimise(problem, frozen.to_vec(), &from, enough, monitor)?;
+        let (value, rounding) = measure(&mut point, monitor);
+        if value <= largest + rounding {
+            return Ok(Some((point, value)));
+        }
+        from = point;
+        enough *= tuning::sequence_share();
+    }
+    Ok(None)
 }
 
 /// Runs until the monitor stops it or steps give no improvement. The fields of complete steps
@@ -93,14 +141,32 @@ pub fn run<const D: usize>(
         let enough = enough(problem, of_r);
         let limits = displacement_principle::frozen(problem, &of_r.r);
         let from = of_u.as_ref().unwrap_or(of_r);
-        let moved = minimise(problem, limits, from, enough, monitor)?;
-        let value = bifunctional(problem, &moved, of_r);
+        let last = sequence.bifunctional.last().map_or(f64::INFINITY, |&b| b);
+        let moved = step(
+            problem,
+            (&limits, from),
+            enough,
+            monitor,
+            last,
+            |u, monitor| measure(problem, u, of_r, monitor),
+        )?;
+        let (moved, value) = moved.unwrap_or_else(|| (from.clone(), last));
         sequence.bifunctional.push(value);
         sequence.balanced.push(moved.r.clone());
         sequence.relative_displacement.push(moved.v.clone());
         let slips = stress_principle::frozen(problem, &moved.v);
-        let next = minimise(problem, slips, of_r, enough, monitor)?;
-        let value = bifunctional(problem, &moved, &next);
+        let next = step(
+            problem,
+            (&slips, of_r),
+            enough,
+            monitor,
+            value,
+            |r, monitor| {
+                into_cones(problem, r, monitor);
+                measure(problem, &moved, r, monitor)
+            },
+        )?;
+        let (next, value) = next.unwrap_or_else(|| (of_r.clone(), value));
         sequence.bifunctional.push(value);
         sequence.reaction.push(next.r.clone());
         of_u = Some(moved);

@@ -392,6 +392,7 @@ def test_every_function_of_the_core_is_called() -> None:
         "CondensationStats",
         "LoadStep",
         "build_profile",
+        "largest_friction",
         "largest_friction_ratio",
         "largest_reaction",
         "least_work",

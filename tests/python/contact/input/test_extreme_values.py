@@ -124,9 +124,7 @@ def test_the_residual_finds_the_rigid_motion() -> None:
         solution = problem.solve(tol=1e-12)
         if not solution.converged:
             continue
-        # The least-squares motion equals the one found to the square root of rounding in the
-        # worst case, which is at a change of status.
-        assert problem.residual(solution.reaction) <= 1e-7
+        assert problem.residual(solution.reaction) <= 1e-12
         assert problem.residual(solution.reaction, solution.rigid_motion) <= 1e-12
 
 

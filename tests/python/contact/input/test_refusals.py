@@ -223,6 +223,8 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
     (problem, "mu", [0.3, -0.1], VALUE, r"contact 1\b.*-0\.1"),
     (reduced, "mu", [-0.1, 0.3], VALUE, r"contact 0\b.*-0\.1"),
     (project, "mu", -0.1, VALUE, r"-0\.1"),
+    *((call, "mu", [0.3, 1.1e75], VALUE, r"contact 1 is 1\.1e\+75, expected at most 1e\+75: prod")
+      for call in (problem, reduced, whole, project)),
     (problem, "area", [1.0, 0.0], VALUE, r"\b1\b.*positive"),
     (problem, "area", [-2.0, 1.0], VALUE, r"\b0\b.*-2.*positive"),
     (problem, "num_threads", 0, VALUE, r"\b0\b"),

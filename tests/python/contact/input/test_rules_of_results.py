@@ -54,6 +54,15 @@ def test_rounding_is_not_asymmetry() -> None:
     assert problem(K=put(K, (0, 1), 0.5 * (1 + 4e-16))).solve(LOAD).success
 
 
+@pytest.mark.parametrize("form", [np.asarray, sparse.csr_array, sparse.csc_array])
+def test_the_upper_triangle_is_used(form: Any) -> None:
+    rounding = np.triu(5e-11 * np.random.default_rng(0).uniform(-1, 1, K.shape), 1)
+    uneven = problem(K=form(K + rounding)).compliance
+    upper = problem(K=form(K + rounding + rounding.T)).compliance
+    assert np.array_equal(uneven, upper)
+    assert not np.array_equal(uneven, problem(K=form(K)).compliance)
+
+
 def test_indefinite_inside() -> None:
     """The message has the caller's number of a degree of freedom away from contact."""
     inside = np.zeros((5, 5))
