@@ -351,6 +351,7 @@ class Condensed:
         grow: bool | None = None,
         before: Condensed | None = None,
         on_forecast: Callable[[CondensationForecast], object] | None = None,
+        kinematics: tuple[_Floats, _Floats, _Floats] | None = None,
     ) -> Condensed: ...
     @property
     def stats(self) -> CondensationStats:

@@ -24,6 +24,17 @@ const COMBINED: f64 = 4.0 * ROUNDING;
 /// Rows of one task.
 const ROWS: usize = 1 << 12;
 
+/// What a mesh says of its degrees of freedom, where positions do not tell it.
+#[derive(Clone, Copy, Debug)]
+pub struct Kinematics<'a> {
+    /// What all rigid motions move at each degree of freedom, `n × m` by rows; a body may be far
+    /// from the centre of its rotations.
+    pub motions: &'a [f64],
+    /// The terms from which the entries of each row of `K` were summed, in times these entries:
+    /// of a rigid set whose stiffness is that of many nodes, little is left.
+    pub loss: &'a [f64],
+}
+
 /// The position and the direction of each degree of freedom.
 #[derive(Debug)]
 pub struct Geometry {
@@ -33,16 +44,24 @@ pub struct Geometry {
     /// balance in a rigid motion of all others.
     supported: Vec<bool>,
     directions: OnceLock<Vec<Option<DofDirection>>>,
+    /// The rigid motions and the losses of [`Kinematics`].
+    known: Option<(Vec<f64>, Vec<f64>)>,
 }
 
 impl Geometry {
     #[must_use]
-    pub fn new(places: Vec<[f64; 3]>, dimension: usize, supported: Vec<bool>) -> Self {
+    pub fn new(
+        places: Vec<[f64; 3]>,
+        dimension: usize,
+        supported: Vec<bool>,
+        known: Option<Kinematics<'_>>,
+    ) -> Self {
         Self {
             places,
             dimension,
             supported,
             directions: OnceLock::new(),
+            known: known.map(|mesh| (mesh.motions.to_vec(), mesh.loss.to_vec())),
         }
     }
 
@@ -60,7 +79,8 @@ impl Geometry {
         let motions = self.list_motions(dofs)?;
         let measure = |i: usize| {
             let motion = |j: usize, k: usize| motions[k][j];
-            let forces = measure_resistance(k.entries(i), motions.len(), motion);
+            let loss = self.known.as_ref().map_or(1.0, |(_, loss)| loss[dofs[i]]);
+            let forces = measure_resistance(k.entries(i), motions.len(), motion, loss);
             forces.map(|forces| (i, forces))
         };
         let rows = (0..dofs.len()).into_par_iter().with_min_len(ROWS);
@@ -108,6 +128,9 @@ impl Geometry {
 
     /// All rigid motions of these degrees of freedom, linearly independent, of size 1.
     fn list_motions(&self, dofs: &[usize]) -> Option<Vec<Vec<f64>>> {
+        if let Some((motions, loss)) = &self.known {
+            return Some(restrict(motions, motions.len() / loss.len().max(1), dofs));
+        }
         let all = self
             .directions
             .get_or_init(|| find_directions(&self.places, self.dimension));
@@ -137,4 +160,20 @@ impl Geometry {
         // A point, or a line in space, has fewer motions than columns.
         Some(keep_independent(columns.collect(), SAME_BODY))
     }
+}
+
+/// The independent ones of `m` motions at some degrees of freedom, orthogonal, of size 1.
+fn restrict(motions: &[f64], m: usize, dofs: &[usize]) -> Vec<Vec<f64>> {
+    let column = |k: usize| dofs.iter().map(|&i| motions[i * m + k]).collect();
+    let of = Combinations::new((0..m).map(column).collect());
+    let exceeds: Vec<bool> = of.exceed(SAME_BODY).collect();
+    let kept = of.columns.into_iter().zip(exceeds);
+    kept.filter_map(|(mut z, exceeds)| {
+        let largest = z.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        for x in &mut z {
+            *x /= largest;
+        }
+        (exceeds && largest > 0.0).then_some(z)
+    })
+    .collect()
 }

@@ -17,7 +17,8 @@
 //!    stiffness within `ω` leaves it free: it is held. All others are free. The rank is that of
 //!    a matrix with few columns and rows of order one ([`rank`]), so that no soft bending and no
 //!    condition of `K` enters. Nothing stays undecided but a resistance of the size of rounding,
-//!    which counts as none.
+//!    which counts as none. Where a row of `K` is the sum of others, as that of a rigid set, `ω`
+//!    is a few ε of the terms of the sum ([`geometry::Kinematics`]).
 //! 2. *From `K` alone* ([`softest`], [`separation`]). Inverse iteration finds the softest
 //!    motions, (a) separates them, and their energy is compared with its rounding. A motion is
 //!    free only if it passes and the next motion is stiffer by a factor. If it passes without

@@ -10,11 +10,13 @@ pub const ROUNDING: f64 = 64.0;
 
 /// The forces of rigid motions of size 1 in a row of `K` with these entries, relative to the
 /// sum of their sizes, with sums in twice the precision; `None` if all of them are rounding.
-/// `motion(j, k)` is motion `k` at unknown `j`.
+/// `motion(j, k)` is motion `k` at unknown `j`; `loss` is how many times larger than the entries
+/// the terms are from which they were summed.
 pub fn measure_resistance(
     entries: impl Iterator<Item = (usize, f64)>,
     motions: usize,
     motion: impl Fn(usize, usize) -> f64,
+    loss: f64,
 ) -> Option<Vec<f64>> {
     let mut forces = vec![Sum::new(0.0); motions];
     let mut size = 0.0;
@@ -22,7 +24,7 @@ pub fn measure_resistance(
         for (k, force) in forces.iter_mut().enumerate() {
             force.add_product(-value, motion(j, k));
         }
-        size += value.abs();
+        size += loss * value.abs();
     }
     let forces: Vec<f64> = forces.iter().map(Sum::value).collect();
     let resists = |force: &f64| force.abs() > ROUNDING * f64::EPSILON * size;

@@ -12,7 +12,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::bodies::connected;
-use crate::bodies::geometry::Geometry;
+use crate::bodies::geometry::{Geometry, Kinematics};
 use crate::condensation::analysed::{AnalysedBody, largest};
 use crate::condensation::assemble::{Source, assemble, bytes_beside};
 use crate::condensation::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
@@ -47,6 +47,8 @@ pub struct ProblemArrays<'a, const D: usize, I = usize> {
     /// The position of each degree of freedom, for the elimination order; in any unit, and the
     /// third coordinate may be zero.
     pub places: Option<&'a [[f64; 3]]>,
+    /// What a mesh knows besides.
+    pub kinematics: Option<Kinematics<'a>>,
     /// All loads, if no displacement will be requested.
     pub known: Option<Vec<Loads>>,
     pub budget: Budget,
@@ -114,12 +116,18 @@ impl<const D: usize> SortedProblem<D> {
             check_length("coordinates", places.len(), n)?;
             check_finite("coordinates", places.as_flattened())?;
         }
+        if let Some(mesh) = &given.kinematics {
+            check_length("loss", mesh.loss.len(), n)?;
+            check_length("motions", mesh.motions.len(), 3 * (D - 1) * n)?;
+            check_finite("motions", mesh.motions)?;
+            check_finite("loss", mesh.loss)?;
+        }
         let geometry = given.places.map(|at| {
             let mut supported = vec![false; n];
             for &dof in &coupling.index {
                 supported[dof] = true;
             }
-            Arc::new(Geometry::new(at.to_vec(), D, supported))
+            Arc::new(Geometry::new(at.to_vec(), D, supported, given.kinematics))
         });
         Ok(Self {
             parts,

@@ -64,7 +64,7 @@ pub(super) fn check<const D: usize, I: Index>(
         .with_min_len(1 << 12)
         .filter(|&dof| position[dof].is_none() && loose.binary_search(&body(dof)).is_ok())
         .filter_map(|dof| {
-            let forces = measure_resistance(stiffness.column(dof), m, |other, k| of(other)[k]);
+            let forces = measure_resistance(stiffness.column(dof), m, |other, k| of(other)[k], 1.0);
             forces.map(|forces| (dof, forces))
         })
         .collect();

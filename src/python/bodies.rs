@@ -117,7 +117,7 @@ pub(super) fn resisting_rows<'py>(
         for (column, _) in entries.clone() {
             check_index(column, columns_known)?;
         }
-        if let Some(row_forces) = measure_resistance(entries, m, |j, k| at[j * m + k]) {
+        if let Some(row_forces) = measure_resistance(entries, m, |j, k| at[j * m + k], 1.0) {
             weak |= row_forces
                 .iter()
                 .all(|force| force.abs() < tuning::spring_force());

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use numpy::PyArray2;
 use pyo3::prelude::*;
 
+use crate::bodies::geometry::Kinematics;
 use crate::condensation::bodies::{Loaded, Loads as OwnLoads};
 use crate::condensation::condense::{ProblemArrays, SortedProblem};
 use crate::condensation::forecast::Notice;
@@ -42,6 +43,7 @@ pub(super) struct Arguments<'a> {
     pub(super) elliptic: Option<EllipticScaling>,
     pub(super) fixed: Vec<usize>,
     pub(super) places: Option<&'a [[f64; 3]]>,
+    pub(super) kinematics: Option<Kinematics<'a>>,
     pub(super) known: Option<Vec<OwnLoads>>,
     pub(super) limit: Option<u128>,
     pub(super) grow: Option<bool>,
@@ -78,6 +80,7 @@ impl Arguments<'_> {
                     law: &self.law,
                     fixed: &self.fixed,
                     places: self.places,
+                    kinematics: self.kinematics,
                     known: self.known,
                     budget: Budget { limit: self.limit },
                 })?

@@ -95,6 +95,7 @@ impl Arguments<'_> {
             law: &self.law,
             fixed: &self.fixed,
             places: self.places,
+            kinematics: None,
             known: None,
             budget: Budget::default(),
         };

@@ -3,6 +3,7 @@
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
+use crate::bodies::geometry::Kinematics;
 use crate::condensation::bodies::Loads as OwnLoads;
 use crate::condensation::forecast::Notice;
 use crate::condensation::problem::Problem;
@@ -36,11 +37,13 @@ impl PyCondensed {
     /// bytes. `grow` decides whether `W` is formed for a working set; `None` lets the gaps
     /// decide. The analyses of `before` are used again for equal patterns. `on_forecast` is
     /// called with the counts of the analysis within 0.1 s; an exception from it stops the
-    /// work.
+    /// work. `kinematics`, from a mesh, are positions in place of `places`, what all rigid
+    /// motions move `(n, m)`, and the loss of each row, as in [`Kinematics`].
     #[new]
     #[pyo3(signature = (
         stiffness, contact, gap, law, fixed, num_threads,
-        places=None, known=None, memory_limit=None, grow=None, before=None, on_forecast=None
+        places=None, known=None, memory_limit=None, grow=None, before=None, on_forecast=None,
+        kinematics=None
     ))]
     #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new<'py>(
@@ -57,6 +60,7 @@ impl PyCondensed {
         grow: Option<bool>,
         before: Option<PyRef<'py, PyCondensed>>,
         on_forecast: Option<Py<PyAny>>,
+        kinematics: Option<(Matrix<'py>, Matrix<'py>, Vector<'py>)>,
     ) -> PyResult<Self> {
         let notice = on_forecast.is_some().then(Notice::default);
         let tell = |py: Python<'_>| match (&on_forecast, &notice) {
@@ -69,6 +73,14 @@ impl PyCondensed {
             Ok((load.as_slice()?.to_vec(), moved.as_slice()?.to_vec()))
         };
         let known = known.map(|steps| steps.iter().map(loads).collect::<PyResult<_>>());
+        let (places, mesh) = match &kinematics {
+            Some((places, motions, loss)) => {
+                let (motions, loss) = (motions.as_slice()?, loss.as_slice()?);
+                (Some(places), Some(Kinematics { motions, loss }))
+            }
+            None => (places.as_ref(), None),
+        };
+        let places = places.map(arrays::rows::<3>).transpose()?;
         let (law, elliptic) = law.read(gap.as_array().ncols())?;
         let asked = Arguments {
             stiffness: CsrArrays::new(&stiffness, "K", num_threads)?,
@@ -76,7 +88,8 @@ impl PyCondensed {
             fixed: arrays::indices(&fixed, "fixed")?,
             law,
             elliptic: elliptic.clone(),
-            places: places.as_ref().map(arrays::rows::<3>).transpose()?,
+            places,
+            kinematics: mesh,
             known: known.transpose()?,
             limit: memory_limit.map(u128::from),
             grow,

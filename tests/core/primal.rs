@@ -154,6 +154,7 @@ impl Blocks {
         };
         let places: Vec<[f64; 3]> = (0..self.stiffness.n()).map(at).collect();
         run(ProblemArrays {
+            kinematics: None,
             stiffness: self.stiffness.view(),
             contact: Rows {
                 row_ptr: &self.contact.0,

@@ -203,8 +203,10 @@ class ContactProblem:
         engine: str = "auto",
         _held: Held | None = None,
         _steps: int | None = None,
+        _kinematics: tuple[Floats, Floats, Floats] | None = None,
     ) -> None:
-        # `fem` has supports that K and B do not contain, and knows the number of steps.
+        # `fem` has supports that K and B do not contain, and knows the number of steps, and
+        # the rigid motions of reference points.
         stiffness, operator = matrices(K, B)
         n = stiffness.shape[0]
         self.contacts = Contacts.check(
@@ -222,6 +224,7 @@ class ContactProblem:
             stiffness_rtol=stiffness_rtol,
             engine=engine,
             steps=_steps,
+            kinematics=_kinematics,
         )
         self.loading = Loading.check(
             n, len(options.fixed), self.contacts, loads, gaps, _held

@@ -99,6 +99,10 @@ class StiffnessOptions:
         Relative error of K, if it is not rounding.
     steps
         Number of load steps, where it is known before the first load path.
+    kinematics
+        What only a mesh knows, for the direct engine: positions ``(n, 3)``, what all rigid
+        motions move at each degree of freedom ``(n, m)``, and the loss ``(n,)``, the terms
+        from which each row of K was summed over its entries.
     """
 
     n: int
@@ -112,6 +116,7 @@ class StiffnessOptions:
     digits: Digits | None = None
     engine: str = "auto"
     steps: int | None = None
+    kinematics: tuple[Floats, Floats, Floats] | None = None
 
     @classmethod
     def check(
@@ -128,6 +133,7 @@ class StiffnessOptions:
         stiffness_rtol: float | None,
         engine: str,
         steps: int | None,
+        kinematics: tuple[Floats, Floats, Floats] | None,
     ) -> StiffnessOptions:
         """Check the arguments of a `ContactProblem` that are about its stiffness.
 
@@ -163,6 +169,7 @@ class StiffnessOptions:
             digits,
             one_of("engine", engine, choice.ENGINES),
             steps,
+            kinematics,
         )
 
     @property
@@ -444,6 +451,7 @@ class PreparedStiffness:
                 options.working_set,
                 before,
                 None if on_forecast is None else tell,
+                options.kinematics,
             )
         except (FloatingBodyError, ValueError) as error:
             raise self._explain(error, parts) from None

@@ -153,7 +153,7 @@ def assemble(
         _bare=bare,
         _path=path,
     )
-    return replace(assembly, K=assembly.stiffness()) if stiffness else assembly
+    return assembly.with_stiffness() if stiffness else assembly
 
 
 def _sort_planes(

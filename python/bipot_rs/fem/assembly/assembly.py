@@ -16,6 +16,7 @@ from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import count_noun, place
+from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import AnyArray, CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
@@ -172,6 +173,8 @@ class Assembly:
     images: tuple[Images, ...] = ()
     _bare: CsrMatrix | None = field(default=None, repr=False)
     _path: MovingGaps | None = field(default=None, repr=False)
+    # The terms of each row of K over its entries, where ties sum rows.
+    _loss: Floats | None = field(default=None, repr=False)
 
     __repr__ = short_repr
 
@@ -193,11 +196,18 @@ class Assembly:
 
     def stiffness(self) -> CsrMatrix:
         """K, assembled once more, with the same bits."""
+        made: CsrMatrix = self.with_stiffness().K
+        return made
+
+    def with_stiffness(self) -> Assembly:
+        """The same with K."""
         if self.ties is None:
-            return system_stiffness(self.numbered, self.springs, self.inclined)
+            K = system_stiffness(self.numbered, self.springs, self.inclined)
+            return replace(self, K=K)
         rigid = {one.whole for one in self.references if one.whole is not None}
-        K = system_stiffness(self.numbered, self.springs, None, rigid=rigid)
-        return self.ties.stiffness(K)
+        whole = system_stiffness(self.numbered, self.springs, None, rigid=rigid)
+        K = self.ties.stiffness(whole)
+        return replace(self, K=K, _loss=self.ties.measure_loss(whole, K))
 
     def released(self, problem: ContactProblem) -> Assembly:
         """The same without K, which ``problem``, made from it, may not need any more.
@@ -398,6 +408,7 @@ class Assembly:
                 engine=engine,
                 _held=self.inclined if self.ties is None else self.ties,
                 _steps=steps,
+                _kinematics=self._find_kinematics(),
                 bodies=first_dofs,
             )
         except ValueError as error:
@@ -444,6 +455,24 @@ class Assembly:
             if not np.isin(one.turns, self.fixed).all():
                 return None
         return np.repeat(with_points(self.nodes, self.references), self.dim, axis=0)
+
+    def _find_kinematics(self) -> tuple[Floats, Floats, Floats] | None:
+        """What K and coordinates do not tell of ties and reference points, if there are any."""
+        if self._loss is None:
+            return None
+        d, centre = self.dim, self.nodes.mean(axis=0)
+        reach = float(np.abs(self.nodes - centre).max())
+        places = np.zeros((self.n, 3))
+        points = with_points(self.nodes, self.references)
+        places[:, :d] = np.repeat(points, d, axis=0)
+        motions = rigid_motions(points - centre, reach).reshape(self.n, -1)
+        for point in self.references:
+            if point.arm is not None:
+                motions[point.first + d : point.first + 2 * d] = 0.0
+                # About the line of its nodes, a rigid set does not turn with the body.
+                turns = np.eye(len(point.turns)) - point.idle.T @ point.idle
+                motions[point.turns, d:] = point.arm / reach * turns
+        return places, motions, self._loss
 
     def gradient(
         self, gradient: Gradient, loads: Sequence[Load] = ()

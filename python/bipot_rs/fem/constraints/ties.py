@@ -105,6 +105,19 @@ class Ties:
         reduced_stiffness.sort_indices()
         return reduced_stiffness
 
+    def measure_loss(self, K: CsrMatrix, reduced: CsrMatrix) -> Floats:
+        """How many times larger than its entries the terms of each row of ``Tᵀ K T`` are.
+
+        The row of a rigid set is the sum of those of its nodes, of which little is left; its
+        rounding is that of the terms. At least 1, ``(n,)``.
+        """
+        T, size = abs(self.within), K.shape[0]
+        forces = abs(K) @ (T @ np.ones(T.shape[1]))[:size]
+        terms = np.asarray(T[:size].T @ forces, np.float64)
+        entries = np.asarray(abs(reduced).sum(axis=1), np.float64)
+        whole = np.where(entries > 0, entries, np.inf)
+        return np.maximum(terms / whole, 1.0)
+
     def _without_stiffness(self, K: CsrMatrix, inner: CsrMatrix) -> Ints:
         """Independent degrees of freedom whose rows of ``Tᵀ K T`` are rounding.
 

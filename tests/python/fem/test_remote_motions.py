@@ -1,0 +1,78 @@
+"""Remotes on graded meshes: every rigid motion is known, and K decides none of them.
+
+The row of a rigid set in Tᵀ K T is the sum of the rows of its nodes, of which little is left:
+its rounding is that of the terms. A motion wrongly held by this rounding takes a part of the
+force, so that the reactions do not balance it.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bipot_rs import fem
+
+pytestmark = pytest.mark.needs_extra
+
+
+def graded(rng: np.random.Generator, count: int) -> Any:
+    """Equal cells at one end, which then grow up to a thousand times."""
+    steps = rng.uniform(1.1, 2.0) ** np.maximum(np.arange(count) - count // 2, 0)
+    steps = np.minimum(steps, 10 ** rng.uniform(0, 3))
+    ends = np.concatenate([[0.0], np.cumsum(steps)])
+    return ends / ends[-1]
+
+
+class Model:
+    """A body on a rigid plane, held by a remote on its top."""
+
+    def __init__(self, rng: np.random.Generator, most: int) -> None:
+        self.dim = d = int(rng.integers(2, 4))
+        if d == 3:
+            most = max(4, most // 6)
+        half = graded(rng, int(rng.integers(most // 2, most)))
+        across = np.concatenate([-half[:0:-1], half])
+        up = graded(rng, int(rng.integers(2, most))) * rng.uniform(0.3, 2.0)
+        flat = np.linspace(-1, 1, int(rng.integers(3, 5)))
+        cell = rng.choice(["quadrilateral", "triangle"] if d == 2 else ["hexahedron"])
+        axes = [across, up] if d == 2 else [across, flat, up]
+        body = fem.Body("it", fem.box(axes, str(cell)), fem.Material(2.1e5, 0.3))
+        turns = range(2, 3) if d == 2 else range(3)
+        self.held = [axis for axis in turns if rng.integers(2)]
+        self.mu = float(rng.choice([0.0, 0.3]))
+        remote = fem.Remote("holder", "it", "top", rotations=self.held)
+        plane = np.zeros(d), np.eye(d)[-1]
+        contact = fem.Contact("it", "bottom", self.mu, plane=plane)
+        self.model = fem.assemble([body], [contact], remotes=[remote])
+        self.rotations = len(turns)
+        self.force = np.zeros(d)
+        self.force[-1] = -1e3
+        if self.mu:
+            self.force[0] = rng.choice([0.0, 0.5 * self.mu * 1e3])
+
+    def load(self) -> Any:
+        return self.model.reference_force("holder", self.force)
+
+
+def check(seed: int, most: int = 40) -> None:
+    it = Model(np.random.default_rng(seed), most)
+    problem = it.model.problem(engine="direct")
+    free = it.dim + it.rotations - len(it.held)
+    assert len(problem.rigid_motions) == free, seed
+    result = problem.solve(it.load())
+    assert result.success, seed
+    total = np.einsum("ckd,ck->d", it.model.frame, result.reaction[-1])
+    # The reactions balance the force to the tolerance of the residual, 1e-12.
+    size = np.abs(it.force).max()
+    assert np.abs(total + it.force).max() <= 1e-10 * size, seed
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_motions_of_remotes(seed: int) -> None:
+    check(seed)
+
+
+@pytest.mark.slow
+def test_the_motions_of_many_remotes() -> None:
+    for seed in range(100, 400):
+        check(seed, most=40 + 20 * (seed % 2))
