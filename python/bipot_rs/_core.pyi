@@ -269,6 +269,9 @@ class CondensationStats:
     @property
     def cond_S(self) -> float: ...
     @property
+    def keeps_digits(self) -> bool:
+        """Whether `W` keeps the digits of K; otherwise solutions are corrected with K."""
+    @property
     def factor_kept(self) -> bool: ...
     @property
     def working_set(self) -> int | None:

@@ -344,7 +344,7 @@ impl Bodies {
         Ok(surface.relative_displacement(&self.list, self.fixed(), &u, Some(&low)))
     }
 
-    /// The error of `B u` from the rounding of the entries of `K`.
+    /// Samples of the changes of `B u` and of `e` by the rounding of the entries of `K`.
     ///
     /// # Errors
     /// [`Error::FactorDropped`].
@@ -352,14 +352,22 @@ impl Bodies {
         &self,
         surface: &Surface<D>,
         u: &[f64],
-    ) -> Result<Vec<[f64; D]>, Error> {
-        let mut wander = vec![0.0; self.order()];
+    ) -> Result<Vec<(Vec<[f64; D]>, Vec<f64>)>, Error> {
+        let mut displacements: Vec<Vec<f64>> = Vec::new();
+        let mut work: Vec<Vec<f64>> = Vec::new();
         for body in &self.list {
-            for (&i, value) in body.dofs().iter().zip(body.stiffness_rounding(u)?) {
-                wander[i] = value;
+            let samples = body.stiffness_rounding(u)?;
+            displacements.resize(samples.len(), vec![0.0; self.order()]);
+            work.resize(samples.len(), Vec::new());
+            for (k, sample) in samples.into_iter().enumerate() {
+                for (&i, value) in body.dofs().iter().zip(sample.displacement) {
+                    displacements[k][i] = value;
+                }
+                work[k].extend(sample.work);
             }
         }
-        Ok(surface.product(&self.list, self.fixed(), &wander))
+        let moved = |u: &Vec<f64>| surface.product(&self.list, self.fixed(), u);
+        Ok(displacements.iter().map(moved).zip(work).collect())
     }
 
     /// The rounding error of `e` of these loads. A proof that nothing balances the loads must

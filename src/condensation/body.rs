@@ -70,6 +70,15 @@ impl Imbalance {
     }
 }
 
+/// A sample of what the rounding of the entries of `K` changes.
+#[derive(Clone, Debug)]
+pub struct RoundingSample {
+    /// On all degrees of freedom of the body.
+    pub displacement: Vec<f64>,
+    /// On its rigid motions.
+    pub work: Vec<f64>,
+}
+
 /// The eliminated unknowns of a body.
 #[derive(Debug)]
 pub enum Interior {
@@ -231,11 +240,13 @@ impl Body {
     /// `K Z = 0`, without the rounding of a soft interior. Prescribed displacements do no work
     /// on rigid motions, but `force`, which contains theirs, deforms the body.
     ///
-    /// Work within its rounding error is zero: no reaction must balance it.
+    /// Work within its rounding error is zero: no reaction must balance it. If `K` amplifies
+    /// rounding, it stays: there the motions have the same error, and with reactions that
+    /// balance the body both cancel.
     #[must_use]
     pub fn rigid_load(&self, load: &[f64], force: &[f64]) -> Vec<f64> {
-        /// If the deformation amplifies no rounding, work above this share of its largest
-        /// possible value is above its error: 16 ε [`DIGITS`], and a thousand for the interior.
+        /// Work above this share of its largest possible value is above its error: 16 ε
+        /// [`DIGITS`], and a thousand for the interior.
         const CLEAR: f64 = 1e-6;
         if self.motions() == 0 {
             return Vec::new();
@@ -262,10 +273,10 @@ impl Body {
         let mut work: Vec<f64> = motions.iter().map(of_motion).collect();
         let is_clear = |(motion, work): (&Vec<f64>, &f64)| {
             let largest = motion.iter().fold(0.0_f64, |m, z| m.max(z.abs()));
-            let amplified = self.contact.amplification > DIGITS;
-            *work == 0.0 || (!amplified && work.abs() > CLEAR * largest * size)
+            *work == 0.0 || work.abs() > CLEAR * largest * size
         };
-        if !motions.iter().zip(&work).all(is_clear)
+        if self.contact.amplification <= DIGITS
+            && !motions.iter().zip(&work).all(is_clear)
             && let Ok(rounding) = self.load_rounding(force)
         {
             for (work, error) in work.iter_mut().zip(rounding) {
@@ -530,8 +541,9 @@ impl Body {
         local
     }
 
-    /// The change of the displacement of this body by the rounding of the entries of `K`:
-    /// `K⁻¹ δK u` without its rigid part, the largest of four samples.
+    /// Four samples of what the rounding `δK` of the entries of `K` changes at a displacement
+    /// `u`: the displacement of this body without its rigid part, `K⁻¹ δK u`, and the work of
+    /// `δK u` on its rigid motions.
     ///
     /// In three samples a row of `δK u` is `2 ε √(Σ_j (K_ij u_j)²)` with a random sign, because
     /// independent roundings of sums of elements add up in this way. In the fourth it is a
@@ -540,26 +552,33 @@ impl Body {
     ///
     /// # Errors
     /// [`Error::FactorDropped`].
-    pub fn stiffness_rounding(&self, u: &[f64]) -> Result<Vec<f64>, Error> {
+    pub fn stiffness_rounding(&self, u: &[f64]) -> Result<Vec<RoundingSample>, Error> {
         let factor = self.require_factor()?;
-        let own: Vec<f64> = self.dofs().iter().map(|&i| u[i]).collect();
+        let u: Vec<f64> = self.dofs().iter().map(|&i| u[i]).collect();
         let size = |i: usize| {
             let terms = self.ordered.stiffness.entries(i);
-            let squares: f64 = terms.map(|(j, k)| (k * own[j]).powi(2)).sum();
+            let squares: f64 = terms.map(|(j, k)| (k * u[j]).powi(2)).sum();
             2.0 * f64::EPSILON * squares.sqrt()
         };
-        let sizes: Vec<f64> = (0..own.len()).map(size).collect();
-        let mut forces = Vec::with_capacity(GROUP * own.len());
+        let sizes: Vec<f64> = (0..u.len()).map(size).collect();
+        let mut forces = Vec::with_capacity(GROUP * u.len());
         for seed in 1..GROUP as u64 {
-            let signs = random_signs(own.len(), seed).into_iter();
+            let signs = random_signs(u.len(), seed).into_iter();
             forces.extend(signs.zip(&sizes).map(|(sign, size)| sign * size));
         }
-        let along = own.iter().zip(&sizes);
+        let along = u.iter().zip(&sizes);
         forces.extend(along.map(|(u, size)| 0.25 * size * u.signum()));
-        let samples = self.response(factor, &forces, None, &[&[][..]; GROUP]);
-        let samples = samples.chunks_exact(own.len().max(1));
-        let largest = samples.max_by(|a, b| norm(a).total_cmp(&norm(b)));
-        Ok(largest.map_or_else(Vec::new, <[f64]>::to_vec))
+        let displacements = self.response(factor, &forces, None, &[&[][..]; GROUP]);
+        let order = u.len().max(1);
+        let samples = displacements.chunks(order).zip(forces.chunks(order));
+        let sample = |(displacement, force): (&[f64], &[f64])| RoundingSample {
+            displacement: displacement.to_vec(),
+            work: {
+                let motions = self.contact.motions.whole.iter();
+                motions.map(|z| dot_long(z, force) / self.unit()).collect()
+            },
+        };
+        Ok(samples.map(sample).collect())
     }
 
     /// The rounding error of `e`, one number for each rigid motion.

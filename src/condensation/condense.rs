@@ -445,13 +445,15 @@ impl<const D: usize> Condensed<D> {
         let rounding = self
             .displacement(state)
             .and_then(|u| self.bodies.stiffness_rounding(&self.surface, &u));
-        let Ok(rounding) = rounding else { return };
-        // One sample: the largest of a body holds for all its contacts.
+        let Ok(samples) = rounding else { return };
         let mut error = vec![0.0; q.len()];
         for share in self.surface.shares.iter() {
             let rows = share.rows.iter().filter(|row| row.row % D == 0);
             let contacts: Vec<usize> = rows.map(|row| row.row / D).collect();
-            let of_body = contacts.iter().map(|&i| rounding[i][0].abs());
+            // A sample may be small at one contact: the largest of a body holds for all of its.
+            let of_body = contacts
+                .iter()
+                .flat_map(|&i| samples.iter().map(move |(moved, _)| moved[i][0].abs()));
             let largest = of_body.fold(0.0, f64::max);
             for i in contacts {
                 error[i] += largest;

@@ -88,6 +88,28 @@ pub fn reduced_step<'a, const D: usize>(
     Reduced::new(problem.compliance(), &q, problem.law(), &free.rigid)
 }
 
+/// The problem without loads on rigid motions that are rounding; `None` if there are none.
+fn without_rounding<'a, const D: usize>(
+    problem: &'a Condensed<D>,
+    reduced: &Reduced<'a, D>,
+    load: &[f64],
+    prescribed: &[f64],
+) -> Result<Option<Reduced<'a, D>>, Error> {
+    if reduced.rigid.load.iter().all(|&e| e == 0.0) {
+        return Ok(None);
+    }
+    let rounding = problem.bodies().load_rounding(load, prescribed)?;
+    let is_rounding = |(e, least): (&f64, &f64)| *e != 0.0 && e.abs() <= *least;
+    let loads = reduced.rigid.load.iter().zip(&rounding);
+    if !loads.clone().any(is_rounding) {
+        return Ok(None);
+    }
+    let kept = loads.map(|pair| if is_rounding(pair) { 0.0 } else { *pair.0 });
+    let mut without = reduced.with_load(kept.collect());
+    without.load_rounding = rounding;
+    Ok(Some(without))
+}
+
 /// Relative changes of the reactions and the relative displacements of a step by the rounding
 /// of the entries of `K`; zero for a problem that keeps its digits. `before` is as in
 /// [`forward_error`](crate::solver::newton::refine::forward_error).
@@ -112,9 +134,12 @@ pub fn stiffness_rounding<const D: usize>(
         reaction: &compliance.scatter(&point.r),
         rigid: &point.rigid,
     })?;
-    let wander = problem.bodies().stiffness_rounding(problem.surface(), &u)?;
-    let wander = compliance.gather(&wander);
-    let moved = forward_change(reduced, point, &wander, before, stop)?;
+    let samples = problem.bodies().stiffness_rounding(problem.surface(), &u)?;
+    let wanders: Vec<_> = samples
+        .iter()
+        .map(|(v, e)| (compliance.gather(v), reduced.scaling.scale_load(e)))
+        .collect();
+    let moved = forward_change(reduced, point, &wanders, before, stop)?;
     // If the correction is not determined, no digit is known to be correct.
     Ok(moved.unwrap_or((1.0, 1.0)))
 }
@@ -191,11 +216,19 @@ impl<const D: usize> LoadPath<D> {
                     .collect(),
             });
         let mut solution = solver::solve(&reduced, settings, &start, stop)?;
-        if !solution.free_motion.is_empty() && solution.outcome == Outcome::NoEquilibrium {
+        if solution.outcome == Outcome::NoEquilibrium && !solution.free_motion.is_empty() {
             // The combination of work on several motions has the rounding of each.
             reduced.load_rounding = problem.bodies().load_rounding(load, prescribed)?;
             if !existence::works(&reduced, &solution.free_motion) {
                 solution.outcome = Outcome::Stalled;
+            }
+        }
+        if solution.outcome == Outcome::Stalled
+            && let Some(without) = without_rounding(problem, &reduced, load, prescribed)?
+        {
+            let again = solver::solve(&without, settings, &start, stop)?;
+            if again.outcome == Outcome::Converged {
+                (reduced, solution) = (without, again);
             }
         }
         let doubtful = problem.stats().amplification > DIGITS;

@@ -3,6 +3,7 @@
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::condensation::body::DIGITS;
 use crate::condensation::forecast::Forecast;
 use crate::condensation::problem::Problem;
 
@@ -39,6 +40,7 @@ record! {
         bytes_peak: u128,
         bytes_compliance: usize,
         cond_S: f64,
+        keeps_digits: bool,
         factor_kept: bool,
         working_set: Option<usize>,
         bodies: usize,
@@ -81,6 +83,7 @@ impl<const D: usize> From<&Problem<D>> for PyStats {
             bytes_peak: stats.bytes_peak,
             bytes_compliance: problem.bytes_compliance(),
             cond_S: stats.cond_s,
+            keeps_digits: stats.amplification <= DIGITS,
             factor_kept: stats.factor_kept,
             working_set: match problem {
                 Problem::Whole(_) => None,

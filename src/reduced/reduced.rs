@@ -86,6 +86,15 @@ impl<'a, const D: usize> Reduced<'a, D> {
         })
     }
 
+    /// The same problem with another `e`.
+    #[must_use]
+    pub fn with_load(&self, load: Vec<f64>) -> Self {
+        let mut other = self.clone();
+        other.scaling.load = other.scaling.scale_load(&load);
+        other.rigid.load = load;
+        other
+    }
+
     #[must_use]
     pub fn contacts(&self) -> usize {
         self.q.len()
@@ -160,6 +169,8 @@ pub struct Scaling<const D: usize> {
     triangle: Vec<Vec<f64>>,
     /// `a = T⁻¹ â · rigid_unit`.
     rigid_unit: f64,
+    /// Forces are scaled by two to minus this.
+    force_exponent: i32,
 }
 
 impl<const D: usize> Scaling<D> {
@@ -219,24 +230,30 @@ impl<const D: usize> Scaling<D> {
         if !to_v.iter().chain(&to_r).all(usable) {
             return Err(Error::Range { softest, free });
         }
-        let mut load = Vec::with_capacity(modes.len());
-        for (column, e) in triangle.iter().zip(&rigid.load) {
-            // Tᵀ ê = e, forward.
-            let known: f64 = column
-                .iter()
-                .zip(&load)
-                .map(|(t, x): (&f64, &f64)| t * x)
-                .sum();
-            load.push((times_two_to(*e, -force_exponent) - known) / column[load.len()]);
-        }
-        Ok(Self {
+        let mut scaling = Self {
             to_v,
             to_r,
             modes,
-            load,
+            load: Vec::new(),
             triangle,
             rigid_unit: times_two_to(1.0, displacement_exponent),
-        })
+            force_exponent,
+        };
+        scaling.load = scaling.scale_load(&rigid.load);
+        Ok(scaling)
+    }
+
+    /// `ê = T⁻ᵀ e`, scaled as a force.
+    #[must_use]
+    pub fn scale_load(&self, e: &[f64]) -> Vec<f64> {
+        let mut load: Vec<f64> = Vec::with_capacity(e.len());
+        for (column, e) in self.triangle.iter().zip(e) {
+            // Tᵀ ê = e, forward.
+            let terms = column.iter().zip(&load);
+            let solved: f64 = terms.map(|(t, x)| t * x).sum();
+            load.push((times_two_to(*e, -self.force_exponent) - solved) / column[load.len()]);
+        }
+        load
     }
 
     /// `a` in the units of the caller from the scaled `â = T a`.

@@ -280,8 +280,9 @@ class ContactProblem:
         """Counts and seconds of the condensation.
 
         They include ``n``, ``n_contact_dofs``, ``nnz_factor``, ``flops``, ``bytes_factor``,
-        ``bytes_peak`` (predicted), ``cond_S``, ``ordering``, ``working_set`` (the number of
-        contacts in it at the start, or ``None``), ``rigid_motions``, and the times
+        ``bytes_peak`` (predicted), ``cond_S``, ``keeps_digits``, ``ordering``,
+        ``working_set`` (the number of contacts in it at the start, or ``None``),
+        ``rigid_motions``, and the times
         ``seconds_order``, ``seconds_symbolic``, ``seconds_factor``, ``seconds_compliance``
         and ``seconds_condense``, the total.
 

@@ -123,6 +123,9 @@ HUGE_FRICTION = 1e8
 # Rows of history needed to see whether the residual falls, and the factor by which the last
 # fifth of the iterations must reduce it.
 HISTORY_ROWS, STILL_FALLS = 10, 0.9
+# Reactions that K determines to fewer digits are not proved to be unique. Half and twice: a
+# body on supports of 1e-12 of its stiffness is called unique or not.
+UNDETERMINED = 1e-3
 # Below this residual the statuses are probably those of a solution, and show whether there are
 # several solutions.
 NEAR_SOLUTION = 1e-3

@@ -76,6 +76,13 @@ impl<const D: usize> Linearisation<D> {
         }
     }
 
+    /// Adds a change to the `v` of the point, with the same derivatives.
+    pub fn move_by(&mut self, problem: &Reduced<D>, change: &[[f64; D]]) {
+        for ((at, change), scale) in self.at.iter_mut().zip(change).zip(&problem.scaling.to_v) {
+            at.value += at.by_v * Vector::from(change.map(|c| c * scale));
+        }
+    }
+
     /// Linearises frozen laws, one for each contact, at a point `(r, v)`.
     #[must_use]
     pub fn frozen(

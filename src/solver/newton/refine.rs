@@ -48,40 +48,55 @@ pub fn forward_error<const D: usize>(
     Ok(correction(problem, point, before, stop)?.map(|c| c.moved))
 }
 
-/// The same for changes `wander` of `v`: how far they change the reactions, and with these the
-/// relative displacements.
+/// The same for changes `wanders` of `v` and of `ê`: how far each changes the reactions, and with
+/// these the relative displacements, to first order; the largest.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
 pub fn forward_change<const D: usize>(
     problem: &Reduced<D>,
     point: &RefinedPoint<D>,
-    wander: &[[f64; D]],
+    wanders: &[(Vec<[f64; D]>, Vec<f64>)],
     before: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Option<(f64, f64)>, Error> {
-    let mut moved = point.clone();
-    for (v, change) in moved.v.iter_mut().zip(wander) {
-        for (v, change) in v.iter_mut().zip(change) {
-            *v += change;
-        }
-    }
-    let Some(there) = correction(problem, &moved, before, stop)? else {
+    let Some(here) = correction(problem, point, before, stop)? else {
         return Ok(None);
     };
-    let change: Vec<[f64; D]> = there.v.iter().zip(&point.v).map(minus).collect();
-    let whole: Vec<[f64; D]> = if before.is_empty() {
+    let total: Vec<[f64; D]> = if before.is_empty() {
         point.v.clone()
     } else {
-        point
-            .v
-            .iter()
-            .zip(before)
-            .map(|(v, b)| std::array::from_fn(|k| v[k] + b[k]))
-            .collect()
+        let sum = |(v, b): (&[f64; D], &[f64; D])| std::array::from_fn(|k| v[k] + b[k]);
+        point.v.iter().zip(before).map(sum).collect()
     };
-    let of_v = share(change.as_flattened(), whole.as_flattened());
-    Ok(of_v.is_finite().then_some((there.moved.0, of_v)))
+    let mut largest = (0.0_f64, 0.0_f64);
+    for (of_v, of_e) in wanders {
+        let mut moved = point.clone();
+        let values = moved.v.as_flattened_mut().iter_mut();
+        for (v, change) in values.zip(of_v.as_flattened()) {
+            *v += change;
+        }
+        for (imbalance, change) in moved.imbalance.iter_mut().zip(of_e) {
+            *imbalance += change;
+        }
+        // Of the point itself: the change may close a contact before rigid motions follow it.
+        let mut law = Linearisation::new(problem, &point.r, &point.v);
+        law.move_by(problem, of_v);
+        let Some(there) = solve(problem, &moved, &law, before, stop)? else {
+            return Ok(None);
+        };
+        let part = |there: &[[f64; D]], here: &[[f64; D]], whole: &[[f64; D]]| {
+            let change: Vec<[f64; D]> = there.iter().zip(here).map(minus).collect();
+            share(change.as_flattened(), whole.as_flattened())
+        };
+        let of_r = part(&there.r, &here.r, &point.r);
+        let of_v = part(&there.v, &here.v, &total);
+        if !(of_r.is_finite() && of_v.is_finite()) {
+            return Ok(None);
+        }
+        largest = (largest.0.max(of_r), largest.1.max(of_v));
+    }
+    Ok(Some(largest))
 }
 
 fn minus<const D: usize>((a, b): (&[f64; D], &[f64; D])) -> [f64; D] {
@@ -141,6 +156,16 @@ fn correction<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Option<RefinementStep<D>>, Error> {
     let law = Linearisation::new(problem, &point.r, &point.v);
+    solve(problem, point, &law, before, stop)
+}
+
+fn solve<const D: usize>(
+    problem: &Reduced<D>,
+    point: &RefinedPoint<D>,
+    law: &Linearisation<D>,
+    before: &[[f64; D]],
+    stop: &AtomicBool,
+) -> Result<Option<RefinementStep<D>>, Error> {
     let here = (
         point.r.as_slice(),
         point.v.as_slice(),
@@ -149,7 +174,7 @@ fn correction<const D: usize>(
     let imbalance = &point.imbalance;
     let solved = newton::solve(
         problem,
-        &law,
+        law,
         here,
         imbalance,
         tuning::correction_forcing(),

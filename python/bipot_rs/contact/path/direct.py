@@ -121,8 +121,13 @@ class CondensedStep:
         return self.data.load, self.data.prescribed, self.data.before
 
     def unique(self, step: Solution, /) -> str:
-        """Whether the solution is unique."""
-        return self.core.assess(*self._loads, step.reaction)
+        """Whether the solution is unique: a proof needs reactions that K determines."""
+        verdict = self.core.assess(*self._loads, step.reaction)
+        if verdict == "proved" and not self.core.stats.keeps_digits:
+            errors = step.error_estimate
+            if errors is None or max(errors) > tuning.UNDETERMINED:
+                return "unknown"
+        return verdict
 
     def error_estimate(self, step: Step, /) -> tuple[float, float] | None:
         """Relative forward errors, by one more Newton correction."""

@@ -70,6 +70,7 @@ WITHOUT_FACTOR: dict[str, object] = dict.fromkeys(
         "bytes_compliance",
         "bytes_peak",
         "cond_S",
+        "keeps_digits",
         "ordering",
         "orderings",
         "working_set",
