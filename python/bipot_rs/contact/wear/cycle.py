@@ -175,15 +175,20 @@ class Cycles:
         ------
         NotConvergedError
         """
-        if self.divisible and before is not None and share * tuning.MOST_PARTS > 1.0:
-            return
-        wanted = 2 ** math.ceil(math.log2(excess / share))
-        reason = (
-            "the contacts wear by more than they are pressed together, so that pressures "
-            f"would overshoot; divide the load step into {wanted}, or use a smaller "
-            "coefficient"
+        remedy = "use a smaller coefficient"
+        if self.divisible and before is not None:
+            if share * tuning.MOST_PARTS > 1.0:
+                return
+            where = f", also in {tuning.MOST_PARTS} parts of the load step"
+        else:
+            wanted = 2 ** math.ceil(math.log2(excess))
+            where, remedy = "", f"divide the load step into {wanted}, or {remedy}"
+        raise path.add_steps(
+            NotConvergedError(
+                f"the contacts wear by more than they are pressed together{where}, so that "
+                f"pressures would overshoot; {remedy}"
+            )
         )
-        raise path.add_steps(NotConvergedError(reason))
 
     def _find_totals(self, at: Step | None) -> Totals | None:
         """The totals at which a cycle begins; None if they are not known."""

@@ -358,7 +358,7 @@ def test_load_steps_that_cannot_be_divided_are_refused() -> None:
     )
     with pytest.raises(NotConvergedError, match=r"^cycle 1: .*divide the load step in"):
         loads.wear(coefficient=1e-3, cycles=3)
-    with pytest.raises(NotConvergedError, match=r"divide the load step into 65536,"):
+    with pytest.raises(NotConvergedError, match=r"in 1024 parts .*; use a smaller co"):
         spring().wear(PULL, coefficient=1.0, cycles=3)
     # The loads of a state are not known.
     pressed = spring().solve([[0.0, 0.0]])
@@ -366,7 +366,7 @@ def test_load_steps_that_cannot_be_divided_are_refused() -> None:
         reaction=pressed.reaction[-1],
         relative_displacement=pressed.relative_displacement[-1],
     )
-    with pytest.raises(NotConvergedError, match="smaller coefficient"):
+    with pytest.raises(NotConvergedError, match=r"divide the load step into 64,"):
         spring().wear(PULL, coefficient=1e-3, cycles=3, start=state)
     assert spring().wear(PULL, coefficient=1e-3, cycles=3, start=pressed).success
 
