@@ -298,10 +298,11 @@ fn corrections_restore<const D: usize>(case: &mut Case<D>, seed: u64) {
         .iter()
         .map(|_| std::array::from_fn(|_| 1e-6 * rng.random_range(-1.0..1.0)))
         .collect();
-    let told = forward_change(&problem, &refined, &change, &[], &GO)
+    let changes = [(change.clone(), Vec::new())];
+    let told = forward_change(&problem, &refined, &changes, &[], &GO)
         .unwrap()
         .unwrap();
-    let later = forward_change(&problem, &refined, &change, &refined.v, &GO)
+    let later = forward_change(&problem, &refined, &changes, &refined.v, &GO)
         .unwrap()
         .unwrap();
     assert!((later.1 / told.1 - 0.5).abs() <= 1e-9);
