@@ -10,7 +10,7 @@ use crate::proof::monotonicity::Monotonicity;
 use crate::proof::tuning;
 use crate::proof::weights::Common;
 
-/// A proved upper bound of `L`, if it is below 1 and `W` is symmetric.
+/// A proved upper bound of `L`, if it is below 1 and `W` is symmetric, without errors of its entries.
 ///
 /// `c ≥ α = λ_max(M½ W_tt M½)` if `c 1 − M½ W_tt M½` has a Cholesky factor, and then `L ≤ ℓ`
 /// if `W − (c/ℓ²) P_nᵀ M P_n` has one.
@@ -22,7 +22,7 @@ pub fn contraction<const D: usize>(
     common: &Common,
     stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
-    if !monotonicity.symmetric {
+    if !monotonicity.symmetric || monotonicity.entry_rounding > 0.0 {
         return Ok(None);
     }
     let n = monotonicity.order();

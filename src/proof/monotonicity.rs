@@ -161,7 +161,7 @@ impl Units {
     }
 }
 
-/// `Ŵ` on the components that can have a reaction, exactly.
+/// `Ŵ` on the components that can have a reaction, exactly or with errors of its entries.
 #[derive(Clone, Debug)]
 pub struct Monotonicity<const D: usize> {
     pub nodes: Range<usize>,
@@ -175,7 +175,9 @@ pub struct Monotonicity<const D: usize> {
     pub shapes: [Vec<f64>; 2],
     /// Column by column.
     matrix: Vec<f64>,
-    /// Whether it is bitwise symmetric.
+    /// Relative error of each entry.
+    pub entry_rounding: f64,
+    /// Whether it is bitwise symmetric. With errors of its entries, the true one may not be.
     pub symmetric: bool,
 }
 
@@ -243,6 +245,7 @@ impl<const D: usize> Monotonicity<D> {
             components,
             place,
             matrix,
+            entry_rounding: problem.entry_rounding,
             symmetric,
         })
     }
@@ -298,7 +301,7 @@ impl<const D: usize> Monotonicity<D> {
         } else {
             2.0 * f64::EPSILON * norm(&half)
         };
-        (half, error)
+        (half, error + self.entry_rounding * norm(&self.matrix))
     }
 
     /// `A` on some unknowns, by columns, and the norm of its rounding error. `kept` is
@@ -381,7 +384,8 @@ impl<const D: usize> Monotonicity<D> {
         // About three roundings in each entry of S W; in the product, those of sums with as
         // many terms as rows; one more in the difference.
         let error = 8.0 * f64::EPSILON * (squares.sqrt() + largest)
-            + gamma(rows.len() + 8) * norm(&young).powi(2);
+            + gamma(rows.len() + 8) * norm(&young).powi(2)
+            + self.entry_rounding * (squares.sqrt() + 2.0 * norm(&young).powi(2));
         (a, error)
     }
 }

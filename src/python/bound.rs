@@ -1,18 +1,15 @@
 //! Proved error bounds of a point.
 
-use std::sync::atomic::AtomicBool;
-
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::condensation::problem::Problem;
-use crate::error::Error;
 use crate::path::stepping::{State, increment, reduced_step};
-use crate::proof::error_bound::{Bound, BoundKind, Prepared, Reason};
+use crate::proof::error_bound::{Bound, BoundKind, Prepared};
 use crate::python::arrays::{self, Matrix};
 use crate::python::condensed_arrays::{CondensedArrays, Loads};
 use crate::python::reduced_arrays::ReducedArrays;
-use crate::reduced::elliptic_scaling::over;
+use crate::reduced::elliptic_scaling::{over, rounding, times};
 use crate::reduced::reduced::Reduced;
 
 /// Points of a reduced problem; their reactions are stacked.
@@ -43,16 +40,17 @@ pub(super) fn of_reduced<const D: usize>(
     let (count, rigid) = (points.count, points.rigid);
     let elliptic = problem.elliptic.as_ref();
     let (bounds, unique) = problem.run(py, num_threads, None, |problem, stop, _| {
-        let prepared = prepare(problem, elliptic.is_some(), stop)?;
-        let exactly = vec![[0.0; D]; contacts];
+        let prepared = Prepared::new(problem, stop)?;
         let mut bounds = Vec::new();
         for k in 0..count {
             let at = k * contacts..(k + 1) * contacts;
             let r = &over(elliptic, &rows[at.clone()]);
             let r = problem.compliance.gather(r);
-            let v = reported.map(|v| problem.compliance.gather(&v[at]));
-            let reported = v.as_ref().map(|v| (v.as_slice(), exactly.as_slice()));
-            bounds.push(prepared.bound(problem, (&r, rigid), reported, stop)?);
+            let v = reported.map(|v| problem.compliance.gather(&times(elliptic, &v[at])));
+            let error = v.as_ref().map(|v| of_change(problem, v));
+            let reported = v.as_deref().zip(error.as_deref());
+            let bound = prepared.bound(problem, (&r, rigid), reported, stop)?;
+            bounds.push(bound.change_variables(elliptic));
         }
         Ok((bounds, prepared.unique()))
     })?;
@@ -76,30 +74,34 @@ pub(super) fn of_step<const D: usize>(
     let Problem::Whole(whole) = &*problem.problem else {
         return Ok(None);
     };
-    let is_elliptic = problem.elliptic.is_some();
+    let elliptic = problem.elliptic.as_ref();
     let (bound, unique) = problem.run(py, |stop| {
-        let reduced = reduced_step(whole, loads.0, loads.1, state)?;
+        let mut reduced = reduced_step(whole, loads.0, loads.1, state)?;
+        reduced.entry_rounding = rounding(elliptic);
         let order = whole.compliance();
-        let (v, error) = increment(reported, state);
+        let reported = times(elliptic, reported);
+        let (v, mut error) = increment(&reported, state);
+        let before = state.map(|state| of_change(&reduced, &state.relative_displacement));
+        for change in [Some(of_change(&reduced, &reported)), before] {
+            let change = change.unwrap_or_default();
+            let pairs = error.as_flattened_mut().iter_mut();
+            for (error, change) in pairs.zip(change.as_flattened()) {
+                *error += change;
+            }
+        }
         let (v, error) = (order.gather(&v), order.gather(&error));
         let r = order.gather(reaction);
-        let prepared = prepare(&reduced, is_elliptic, stop)?;
+        let prepared = Prepared::new(&reduced, stop)?;
         let bound = prepared.bound(&reduced, (&r, rigid), Some((&v, &error)), stop)?;
-        Ok((bound, prepared.unique()))
+        Ok((bound.change_variables(elliptic), prepared.unique()))
     })?;
     Ok(Some(PyBound::new(py, &bound, unique)?))
 }
 
-/// What all bounds of a problem share; no bound if friction depends on direction.
-fn prepare<const D: usize>(
-    problem: &Reduced<D>,
-    is_elliptic: bool,
-    stop: &AtomicBool,
-) -> Result<Prepared<D>, Error> {
-    if is_elliptic {
-        return Ok(Prepared::refused(problem, Reason::Directional));
-    }
-    Prepared::new(problem, stop)
+/// The rounding of `ṽ = T v`.
+fn of_change<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<[f64; D]> {
+    let rounding = |row: &[f64; D]| row.map(|c| problem.entry_rounding * c.abs());
+    v.iter().map(rounding).collect()
 }
 
 /// A proved bound; what is not available is `None`.

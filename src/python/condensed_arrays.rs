@@ -21,7 +21,7 @@ use crate::python::arrays::{self, CsrArrays, LawArrays, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::reduced_arrays::Assess;
 use crate::reduced::compliance::Compliance;
-use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::reduced::elliptic_scaling::{EllipticScaling, over, rounding, times};
 use crate::reduced::memory::Budget;
 
 /// Total forces and prescribed displacements of a step.
@@ -136,7 +136,8 @@ impl<const D: usize> CondensedArrays<D> {
         };
         let r = whole.compliance().gather(&reaction);
         self.run(py, |stop| {
-            let reduced = reduced_step(whole, loads.0, loads.1, state.as_ref())?;
+            let mut reduced = reduced_step(whole, loads.0, loads.1, state.as_ref())?;
+            reduced.entry_rounding = rounding(self.elliptic.as_ref());
             assess(&reduced, &r, stop)
         })
     }

@@ -16,7 +16,7 @@ use crate::python::interrupt;
 use crate::python::solution::PySolution;
 use crate::reduced::best_motion::best_motion;
 use crate::reduced::compliance::{Compliance, Part};
-use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::reduced::elliptic_scaling::{EllipticScaling, over, rounding, times};
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::Certificate;
 use crate::solver::monitor::Progress;
@@ -116,7 +116,8 @@ impl<const D: usize> ReducedArrays<D> {
                 None => given,
                 Some(elliptic) => given.scaled(elliptic)?,
             };
-            let problem = Reduced::new(&made, &self.q, &self.law, &self.rigid)?;
+            let mut problem = Reduced::new(&made, &self.q, &self.law, &self.rigid)?;
+            problem.entry_rounding = rounding(self.elliptic.as_ref());
             work(&problem, stop, progress)
         })
     }

@@ -17,16 +17,7 @@ use crate::linalg::least_squares;
 use crate::linalg::small::{Block, Vector, dot, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{law_norm, residual};
-
-/// Factor from one threshold to the next: below the ten by which η may be larger than the least.
-const NEXT_THRESHOLD: f64 = 3.0;
-
-/// Steps to the minimum of the distance, and steps for `F`. Nine and nineteen were the most in 300
-/// random problems; a motion after too few is still a motion, whose η is an upper bound.
-const MOST_STEPS: usize = 40;
-
-/// Motions with weights from the motion before.
-const WEIGHTINGS: usize = 4;
+use crate::reduced::tuning;
 
 /// The relative displacements that the law allows with a reaction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,7 +118,7 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
         if next != laws {
             laws = next;
             let mut weighted = laws.clone();
-            for _ in 0..WEIGHTINGS {
+            for _ in 0..tuning::motion_weightings() {
                 motion = search.approach(&weighted, motion);
                 for trial in [motion.clone(), search.refine(motion.clone())] {
                     let eta = search.eta(&trial);
@@ -150,7 +141,7 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
         if zero >= largest || best.0 * largest <= 0.01 * zero {
             break;
         }
-        zero *= NEXT_THRESHOLD;
+        zero *= tuning::next_threshold();
     }
     scaling.rigid_from_scaled(&best.1)
 }
@@ -237,7 +228,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
     /// The motion with the least distance from what the law allows: Newton's steps, each with the
     /// best length.
     fn approach(&self, laws: &[Allowed<D>], mut motion: Vec<f64>) -> Vec<f64> {
-        for _ in 0..MOST_STEPS {
+        for _ in 0..tuning::motion_steps() {
             let v = self.at(&motion);
             let size = v.iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
             let margin = 16.0 * f64::EPSILON * (size + norm(&motion));
@@ -285,7 +276,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
     /// Steps of Gauss–Newton that make `‖F‖` smaller.
     fn refine(&self, mut motion: Vec<f64>) -> Vec<f64> {
         let mut law = self.law(&motion);
-        for _ in 0..MOST_STEPS {
+        for _ in 0..tuning::motion_steps() {
             let (rest, jacobian) = self.linearise(&motion);
             let step = self.step(&rest, &jacobian);
             let shorter = (0..10).map(|halvings| 0.5_f64.powi(halvings));

@@ -33,6 +33,11 @@ pub type Friction = (Vec<f64>, Option<EllipticScaling>);
 /// certificate checks only `ṽ`.
 pub const LARGEST_RATIO: f64 = 1e6;
 
+/// Relative rounding of an entry of `T W T`, of `T q` and `T v`, and of `T⁻¹ r`. A component of `T`
+/// is a quotient; an entry has two of them, their product and one more. For the `W` that the
+/// caller reads, `T⁻¹` has one more rounding each: at most six halves of ε.
+pub const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
 impl EllipticScaling {
     /// # Errors
     /// [`Error::Friction`] for a coefficient out of range,
@@ -140,4 +145,10 @@ pub fn over<'a, const D: usize>(
     x: &'a [[f64; D]],
 ) -> Cow<'a, [[f64; D]]> {
     elliptic.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.over(x)))
+}
+
+/// [`ROUNDING`], or zero without a scaling.
+#[must_use]
+pub fn rounding(elliptic: Option<&EllipticScaling>) -> f64 {
+    elliptic.map_or(0.0, |_| ROUNDING)
 }

@@ -27,6 +27,9 @@ pub struct Reduced<'a, const D: usize> {
     pub rigid: Rigid<D>,
     /// Rounding error of `e`, one number for each rigid motion; empty if `e` is exact.
     pub load_rounding: Vec<f64>,
+    /// Relative rounding error of each entry of `W` and `q`, by a change of variables; zero
+    /// without one.
+    pub entry_rounding: f64,
     pub scaling: Scaling<D>,
     /// A contact that penetrates and that nothing can move, in the numbering of the caller, and
     /// its penetration. Then there is no solution.
@@ -81,6 +84,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
             law: compliance.gather(law),
             rigid,
             load_rounding: Vec::new(),
+            entry_rounding: 0.0,
             scaling,
             contradiction,
         })

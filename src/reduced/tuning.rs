@@ -26,6 +26,18 @@ fitted! {
     /// Half, twice: same, same.
     runaway_penetration: f64 = 1e-3;
 
+    // best_motion.rs
+    /// Factor from one threshold to the next, below the ten by which η may exceed the least.
+    /// Half, twice: same, same.
+    next_threshold: f64 = 3.0;
+    /// Steps to the least distance, and steps for `F`: nine and nineteen were the most in 300 random
+    /// problems. A motion after too few is still a motion, whose η is an upper bound.
+    /// Half, twice: same, same.
+    motion_steps: usize = 40;
+    /// Motions with weights from the motion before.
+    /// Half, twice: same, same.
+    motion_weightings: usize = 4;
+
     // residual.rs
     /// Largest rigid motion of a solution, relative to the displacement that it cancels: contacts
     /// may stand such that a rotation moves them ten thousand times less than the body.

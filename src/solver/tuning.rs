@@ -262,8 +262,9 @@ fitted! {
     /// Largest merit of a step relative to the squared error of the whole. `B` is of second order
     /// in that error, and a step solved only to first order could increase it.
     sequence_share: f64 = 0.01;
-    /// Attempts, each a hundredth as large, until `B` does not increase. Of 3,000 random problems
-    /// the second or third does.
+    /// Attempts, each a hundredth as large, until `B` does not increase. If none does, the field
+    /// before is kept.
+    /// Half, twice: same, same.
     sequence_refinements: usize = 4;
 
     // pivoting.rs

@@ -59,8 +59,9 @@ pub(super) struct Candidate<const D: usize> {
     pub(super) faces: Vec<Face<D>>,
     pub(super) v: Vec<[f64; D]>,
     pub(super) dv: Vec<[f64; D]>,
-    /// `r − r̂`, scaled.
+    /// `r − r̂`, scaled, and the error of `r`.
     pub(super) off: Vec<[f64; D]>,
+    pub(super) blur: Vec<[f64; D]>,
 }
 
 /// A bound on one island, scaled, for `r`.
@@ -262,8 +263,16 @@ impl<const D: usize> BoundedIsland<D> {
         let x: Vec<f64> = x.iter().map(|x| times_two_to(*x, -e)).collect();
         let moved = product(&self.half, &x);
         let energy: f64 = moved.iter().zip(&x).map(|(a, b)| a * b).sum();
-        let lost = 2.0 * gamma(2 * x.len()) * norm(&self.half) * norm(&x).powi(2);
+        // The errors of W, and those of x, which are no larger.
+        let size = norm(&self.half);
+        let entries = 2.0 * self.entry_errors() + self.monotonicity.entry_rounding * size;
+        let lost = (2.0 * gamma(2 * x.len()) * size + entries) * norm(&x).powi(2);
         (energy, lost, e)
+    }
+
+    /// The norm of the errors of the entries of `Ŵ`.
+    fn entry_errors(&self) -> f64 {
+        self.monotonicity.entry_rounding * norm(&self.rows)
     }
 
     /// `‖r − r̂‖` in the norm of `W`, rounded up.
@@ -278,8 +287,12 @@ impl<const D: usize> BoundedIsland<D> {
             .map(|&(i, _)| candidate.faces[i].moved)
             .collect();
         // The difference is rounded, and the point of the cone differs from its numbers.
-        let blur = (norm(&self.half) * (1.0 + gamma(off.len()))).sqrt();
-        let blurred = norm(&moved) + f64::EPSILON * norm(&off);
+        let blur = (norm(&self.half) * (1.0 + gamma(off.len())) + self.entry_errors()).sqrt();
+        let of_r: Vec<f64> = components
+            .iter()
+            .map(|&(i, k)| candidate.blur[i][k])
+            .collect();
+        let blurred = norm(&moved) + f64::EPSILON * norm(&off) + norm(&of_r);
         self.norm(&off) + (1.0 + gamma(off.len())) * blur * blurred
     }
 
@@ -311,12 +324,16 @@ impl<const D: usize> BoundedIsland<D> {
                         + given.1[position][k]
                         + candidate.dv[position][k]
                         + moved.abs()
-                        + gamma(n) * norm(row) * norm(&centre)
+                        + (gamma(n) + self.monotonicity.entry_rounding)
+                            * norm(row)
+                            * norm(&centre)
                         + radius * along);
                 let Some(unknown) = self.monotonicity.unknown(position, k) else {
                     continue; // zero, as in every answer
                 };
-                let off = candidate.off[position][k].abs() + candidate.faces[position].moved;
+                let off = candidate.off[position][k].abs()
+                    + candidate.blur[position][k]
+                    + candidate.faces[position].moved;
                 reaction[contact][k] =
                     room * (off + centre[unknown].abs() + radius * width[unknown].abs());
             }
@@ -408,14 +425,16 @@ impl<const D: usize> BoundedIsland<D> {
         stop: &AtomicBool,
     ) -> Result<Option<(IslandFactor<D>, f64)>, Error> {
         let n = self.monotonicity.order();
-        let room = 1.0 + gamma(D);
+        let room = 1.0 + gamma(D) + 2.0 * self.monotonicity.entry_rounding;
         let entry = |i: usize, j: usize| self.half[j * n + i];
+        // What a part of W by errors that is not symmetric adds to w, for each unit of radius.
+        let skew = self.entry_errors() * norm(&self.widths_of_w) * room;
         let mut known = vec![KnownSlip::Nothing; self.monotonicity.mu.len()];
         let mut ties = Ties::default();
         for (contact, position) in self.monotonicity.nodes.clone().enumerate() {
             let at = |k: usize| self.monotonicity.unknown(position, k);
             let (v, dv) = (&candidate.v[position], &candidate.dv[position]);
-            let lift = at(0).map_or(0.0, |i| entry(i, i).sqrt()) * radius * room;
+            let lift = (at(0).map_or(0.0, |i| entry(i, i).sqrt()) + skew) * radius * room;
             let open = candidate.faces[position].place == Place::Apex && v[0] - dv[0] > lift;
             if open {
                 continue;
@@ -444,7 +463,8 @@ impl<const D: usize> BoundedIsland<D> {
                 _ => 0.0,
             };
             let slip = tangential_norm(v) / room;
-            let turned = room * (room * largest.sqrt() * radius + room * tangential_norm(dv));
+            let turn_of_w = room * (largest.sqrt() + skew) * radius;
+            let turned = room * (turn_of_w + room * tangential_norm(dv));
             if slip > turned && !sticks && !tangents.is_empty() {
                 let mut direction = v.map(|c| c / tangential_norm(v));
                 direction[0] = 0.0;
@@ -543,9 +563,11 @@ fn widths<const D: usize>(
             let mut rounding = 0.0;
             for (&unknown, tied) in kept.iter().zip(tied) {
                 let other = tied.map_or(0.0, |(other, factor)| factor * row[other]);
+                let sizes = row[unknown].abs() + other.abs();
                 if other != 0.0 {
-                    rounding += 4.0 * f64::EPSILON * (row[unknown].abs() + other.abs());
+                    rounding += 4.0 * f64::EPSILON * sizes;
                 }
+                rounding += monotonicity.entry_rounding * sizes;
                 along.push(row[unknown] + other);
             }
             errors.push(rounding);

@@ -10,7 +10,8 @@
 //!
 //! an ellipsoid that contains `d`. All variables are scaled by powers of two, which is exact,
 //! and every rounding is bounded: that of `W r̂ + q`, of `e`, of `A`, of its factor and of
-//! solves with it. The bound is for the solution with `W`, `q`, `μ` as they are in memory.
+//! solves with it. The bound is for the solution with `W`, `q`, `μ` as they are in memory. With
+//! two coefficients of a contact it also contains the rounding of the change of variables.
 
 mod island;
 
@@ -26,6 +27,7 @@ use crate::linalg::verified_cholesky::gamma;
 use crate::proof::error_bound::island::{BoundedIsland, Candidate};
 use crate::proof::monotonicity::{Monotonicity, Touching, Units};
 use crate::proof::tuning;
+use crate::reduced::elliptic_scaling::{self, EllipticScaling};
 use crate::reduced::reduced::Reduced;
 
 /// Why there is no bound. Contacts are in the numbering of the caller.
@@ -61,8 +63,6 @@ pub enum Reason {
     Impossible {
         contact: usize,
     },
-    /// Friction with two coefficients: the rounding of its change of variables is not bounded.
-    Directional,
     /// Numbers beyond the range of doubles.
     Range,
 }
@@ -80,7 +80,6 @@ impl Reason {
             Self::NotDefinite { contact } => ("not definite", contact),
             Self::Friction { contact } => ("friction", contact),
             Self::Impossible { contact } => ("impossible", contact),
-            Self::Directional => ("directional", 0),
             Self::Range => ("range", 0),
         }
     }
@@ -148,6 +147,20 @@ impl<const D: usize> Bound<D> {
         }
     }
 
+    /// The bound of `r = T r̃` and `v = T⁻¹ ṽ`, rounded up.
+    #[must_use]
+    pub fn change_variables(mut self, elliptic: Option<&EllipticScaling>) -> Self {
+        if let Some(elliptic) = elliptic {
+            self.reaction = elliptic.times(&self.reaction);
+            self.relative_displacement = elliptic.over(&self.relative_displacement);
+            let fields = [&mut self.reaction, &mut self.relative_displacement];
+            for value in fields.into_iter().flat_map(|rows| rows.as_flattened_mut()) {
+                *value *= 1.0 + elliptic_scaling::ROUNDING;
+            }
+        }
+        self
+    }
+
     fn start(problem: &Reduced<D>, r: &[[f64; D]], rigid: &[f64]) -> Self {
         let v = problem.exact_displacement(r, rigid);
         let contacts = r.iter().zip(&v).zip(&problem.law);
@@ -188,15 +201,6 @@ impl<const D: usize> Prepared<D> {
         let units = Units::of(problem);
         let islands = Self::islands(problem, &units, stop)?;
         Ok(Self { units, islands })
-    }
-
-    /// For a problem without a bound, with the reason.
-    #[must_use]
-    pub fn refused(problem: &Reduced<D>, reason: Reason) -> Self {
-        Self {
-            units: Units::of(problem),
-            islands: Err(reason),
-        }
     }
 
     fn islands(
@@ -408,7 +412,9 @@ impl<const D: usize> Prepared<D> {
             .zip(terms.iter().zip(&free))
             .map(|(v, (w, q))| {
                 std::array::from_fn(|k| {
-                    f64::EPSILON * v[k].abs() + 2.0 * gamma * gamma * (w[k] + q[k].abs())
+                    f64::EPSILON * v[k].abs()
+                        + (2.0 * gamma * gamma + (1.0 + gamma) * problem.entry_rounding)
+                            * (w[k] + q[k].abs())
                 })
             })
             .collect();
@@ -417,7 +423,7 @@ impl<const D: usize> Prepared<D> {
             unscale(&mut by, &self.units.to_r);
             for (error, more) in error.iter_mut().zip(sizes(&by)) {
                 for (e, more) in error.iter_mut().zip(more) {
-                    *e += (1.0 + gamma) * more;
+                    *e += (1.0 + gamma + problem.entry_rounding) * more;
                 }
             }
         }
@@ -448,6 +454,10 @@ impl<const D: usize> Prepared<D> {
         let off = off.map(|(r, x)| std::array::from_fn(|k| r[k] - x[k]));
         Candidate {
             off: off.collect(),
+            blur: r
+                .iter()
+                .map(|r| r.map(|c| problem.entry_rounding * c.abs()))
+                .collect(),
             faces,
             v,
             dv,

@@ -24,8 +24,6 @@ _REASONS = {
     "there may be several solutions, or no solution close enough was isolated",
     "impossible": "contact {0} has a reaction that the law excludes: a tangential reaction "
     "without friction, or a reaction at a contact that must stay open",
-    "directional": "friction depends on direction: the rounding error of the change of "
-    "variables to isotropic friction is not bounded",
     "range": "the numbers leave the range of doubles",
     "working set": "the problem was solved on a working set of its contacts, and the "
     "compliance of the other contacts was not formed",
@@ -82,7 +80,7 @@ class ErrorBound:
         ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
     contraction
         Upper bound of ``L`` of section 10 of ``docs/theory.md``, if it is below 1: the
-        smaller one of scaled and unscaled variables.
+        smaller one of scaled and unscaled variables. Not with two coefficients.
     energy_by_gap
         Another bound of ``‖r - r*‖`` if ``L < 1``, from the gap in energy:
         ``½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B``. It is proportional to the root of the

@@ -609,13 +609,108 @@ def test_without_contacts_the_error_is_zero() -> None:
     assert problem.error_bounds(np.zeros((3, 0, 2)))[2].energy == 0.0
 
 
-def test_friction_that_depends_on_direction_has_no_bound() -> None:
-    mu = np.array([[0.3, 0.1]])
-    problem = bp.ReducedProblem(np.eye(3), [[-1.0, 0.2, 0.3]], mu)
-    solution = problem.solve()
-    assert solution.error.kind == "not available"
-    assert "direction" in solution.error.reason
-    # The gap of the law, an amount of work.
-    np.testing.assert_allclose(
-        solution.error.constitutive, solution.bipotential_gap, atol=1e-15
+def dyadic(values: Array, bits: int) -> Array:
+    """Rounded to multiples of a power of two, so that sums of products are exact."""
+    return np.asarray(np.round(np.ldexp(values, bits)) * 0.5**bits)
+
+
+def exact_elliptic_case(
+    rng: np.random.Generator,
+) -> tuple[bp.ReducedProblem, Array, Array]:
+    """A problem with two coefficients whose solution is exact in doubles: ``r`` and ``v``.
+
+    A contact that slides has ``D v_t = mu_1 mu_2 k (3, 4)``, of length ``5 mu_1 mu_2 k``, so
+    that ``r_t = -r_n (3 mu_1, 4 mu_2)/5``; ``r_n`` is a multiple of 5. The ratio of the two
+    coefficients, which the change of variables needs, is rounded.
+    """
+    n = int(rng.integers(1, 6))
+    root = rng.normal(size=(3 * n, 3 * n))
+    W = dyadic(root @ root.T / (3 * n) + np.eye(3 * n), 10)
+    mu = rng.integers(1, 16, (n, 2)) / 32
+    r, v = np.zeros((2, n, 3))
+    for i, status in enumerate(rng.integers(0, 3, n)):
+        force = 5 * rng.integers(1, 64) / 16
+        sign = rng.choice([-1.0, 1.0], 2)
+        if status == 0:
+            v[i] = rng.integers(-64, 64, 3) / 64
+            v[i, 0] = rng.integers(1, 64) / 64
+        elif status == 1:
+            r[i, 0] = force
+            r[i, 1:] = dyadic(0.7 * force * mu[i] * rng.uniform(-1, 1, 2), 16)
+        else:
+            r[i, 0] = force
+            r[i, 1:] = -force / 5 * mu[i] * [3, 4] * sign
+            v[i, 1:] = mu[i, ::-1] * [3, 4] * sign * rng.integers(1, 64) / 16
+    moved = [sum(map(Fraction, row * r.ravel())) for row in W]
+    q = [Fraction(x) - y for x, y in zip(v.ravel(), moved, strict=True)]
+    problem = bp.ReducedProblem(W, np.array(q, dtype=float).reshape(n, 3), mu)
+    assert [Fraction(x) for x in problem.q.ravel()] == q
+    return problem, r, v
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"), [(1, 15), pytest.param(2, 400, marks=pytest.mark.slow)]
+)
+def test_two_coefficients_hold_exactly(seed: int, count: int) -> None:
+    """At the solution, at computed ones and at approximations, without a rounding to spare."""
+    rng = np.random.default_rng(seed)
+    available = 0
+    for _ in range(count):
+        problem, r, v = exact_elliptic_case(rng)
+        W = np.asarray(problem.W)
+        solution = problem.solve(tol=10.0 ** rng.uniform(-14, -6))
+        points = [(solution.reaction, solution.relative_displacement, solution.error)]
+        for size in (0.0, 1e-15, 1e-10, 1e-4):
+            near = r + size * np.abs(r).max() * rng.normal(size=r.shape)
+            points.append((near, None, problem.error_bound(near)))
+        for near, reported, bound in points:
+            if bound.kind == "not available":
+                assert "friction" in bound.reason
+                continue
+            assert bound.reaction is not None
+            assert bound.relative_displacement is not None
+            assert bound.energy is not None
+            available += 1
+            d = [
+                Fraction(x) - Fraction(y)
+                for x, y in zip(near.flat, r.flat, strict=True)
+            ]
+            for error, most in zip(d, bound.reaction.flat, strict=True):
+                assert abs(error) <= Fraction(most)
+            w = [sum(Fraction(a) * b for a, b in zip(row, d, strict=True)) for row in W]
+            energy = sum(a * b for a, b in zip(w, d, strict=True))
+            assert energy <= Fraction(bound.energy) ** 2
+            if reported is not None:
+                w = [
+                    Fraction(x) - Fraction(y)
+                    for x, y in zip(reported.flat, v.flat, strict=True)
+                ]
+            for error, most in zip(w, bound.relative_displacement.flat, strict=True):
+                assert abs(error) <= Fraction(most)
+            if near is r:
+                # The rounding of W r + q and of its change of variables.
+                assert bound.energy <= 1e-12 * energy_norm(W, r) + 1e-12
+    assert available > 4 * count
+
+
+def test_two_coefficients_on_a_path() -> None:
+    """Bounds of steps with a history: the change of variables rounds it too."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(9, 9))
+    K, mu = (
+        root @ root.T + 9 * np.eye(9),
+        np.array([[0.3, 0.1], [0.2, 0.25], [0.1, 0.3]]),
     )
+    problem = bp.ContactProblem(K, np.eye(9), gap=np.zeros(3), mu=mu)
+    loads = rng.normal(size=(4, 9)) - np.tile([3.0, 0, 0], 3)
+    result = problem.solve(loads, tol=1e-12)
+    for k in range(4):
+        assert result[k].error.kind == "global"
+        start = result[k - 1] if k else None
+        again = problem.reduced(loads[k], start=start).solve(tol=1e-14)
+        # The other computed answer has an error of its own, of some 1e-14.
+        away = np.abs(again.reaction - result[k].reaction)
+        assert (
+            away <= result[k].error.reaction + 1e-13 * np.abs(again.reaction).max()
+        ).all()
+        assert result[k].error.relative < 1e-10
