@@ -10,8 +10,8 @@ import bipot_rs as bp
 
 Array = NDArray[np.float64]
 SIZES = [(1, 150), pytest.param(2, 4000, marks=pytest.mark.slow)]
-# 1e-15 of R a, which is up to 1e6 times the displacements W r that η measures.
-ROUNDING = 1e-9
+# 1e-15 of R a and q, which are up to 1e7 times the displacements W r that η measures.
+ROUNDING = 1e-8
 
 
 class Answer(NamedTuple):
