@@ -57,6 +57,9 @@ pub struct Loaded<'a, const D: usize> {
     pub rigid: &'a [f64],
 }
 
+/// A change of `v` at all contacts, and of `e`.
+pub type Change<const D: usize> = (Vec<[f64; D]>, Vec<f64>);
+
 /// `f − K_fp u_p` of a load.
 #[derive(Debug)]
 pub struct Force {
@@ -352,7 +355,7 @@ impl Bodies {
         &self,
         surface: &Surface<D>,
         u: &[f64],
-    ) -> Result<Vec<(Vec<[f64; D]>, Vec<f64>)>, Error> {
+    ) -> Result<Vec<Change<D>>, Error> {
         let mut displacements: Vec<Vec<f64>> = Vec::new();
         let mut work: Vec<Vec<f64>> = Vec::new();
         for body in &self.list {
