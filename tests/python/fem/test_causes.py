@@ -47,7 +47,9 @@ def test_an_undecided_motion_names_body_axis_and_slender_cell() -> None:
     assert "Give `coordinates`" in str(refused.value)
     named = str(model._name_cause(refused.value))
     # Cells of 6.25 by 0.1, all equal.
-    assert re.match(r"body 'strip': it cannot be .* its motion along [xy] at \(", named)
+    assert re.match(
+        r"body 'strip': K has too few .* its soft motion along [xy] at \(", named
+    )
     assert re.search(
         r"most slender is at \([\d., ]+\), 6\d times as long as thick", named
     )

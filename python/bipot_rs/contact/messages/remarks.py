@@ -243,9 +243,9 @@ def _find_long_slip(steps: Sequence[Step], x: Floats) -> Iterator[str]:
     moved = max(float(np.abs(step.slip).max(initial=0.0)) for step in steps)
     if size > 0 and moved > tuning.LONG_SLIP * size:
         yield (
-            f"check the units: contacts slip by up to {moved:.3g} in a load step, "
-            f"{moved / size:.2g} times the extent of all contacts, but the theory needs small "
-            "displacements"
+            f"contacts slip by up to {moved:.3g} in a load step, {moved / size:.2g} times the "
+            "extent of all contacts. Such slips are outside the small-displacement theory: do "
+            "not use this result, or check the units"
         )
 
 

@@ -89,16 +89,30 @@ MOST_RUNS, MOST_STEPS = 4, 5000
 LEAST_REDUCTION = 1e-11
 
 
-def describe_undecided(whose: str, motion: str, cells: str = "") -> str:
+# What to do about a motion whose energy is rounding.
+_LOST = (
+    "the energy of this motion is smaller than the rounding of the entries. Add a support that "
+    "holds it, or use less slender cells"
+)
+
+
+def describe_undecided(whose: str, motion: str) -> str:
     """Message of a motion that K has too few digits to call free or held.
 
-    ``motion`` is ``"motion along x at (0, 0, 5)"``; ``cells`` describes the most slender ones.
+    ``motion`` is ``"motion along x at (0, 0, 5)"``.
     """
     return (
         f"{whose}: it cannot be decided whether its {motion} is free. K has too few digits: "
-        "the energy of this motion is smaller than the rounding of the entries. Add a support "
-        f"that holds it, or use less slender cells{cells}"
+        f"{_LOST}"
     )
+
+
+def describe_soft(whose: str, motion: str, cells: str = "") -> str:
+    """The same for a mesh, which tells which motions are free.
+
+    ``cells`` describes the most slender ones.
+    """
+    return f"{whose}: K has too few digits for its soft {motion}: {_LOST}{cells}"
 
 
 @dataclass(frozen=True)

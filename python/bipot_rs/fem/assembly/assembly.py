@@ -33,7 +33,7 @@ from bipot_rs.contact.path.moving_gaps import (
     join_steps,
 )
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.stiffness.digits import describe_undecided
+from bipot_rs.contact.stiffness.digits import describe_soft
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
 from bipot_rs.fem.bodies.body import Body, Box, Field
 from bipot_rs.fem.bodies.boundary import Spring
@@ -429,15 +429,15 @@ class Assembly:
         for point in self.references:
             if dof in point.dofs or dof in point.turns:
                 whose = f"{point.kind} {point.name!r}"
-                return with_message(error, describe_undecided(whose, "motion"))
+                return with_message(error, describe_soft(whose, "motion"))
         b = int(np.searchsorted(self.offset, dof, side="right")) - 1
         body, (node, axis) = self.bodies[b], divmod(dof, self.dim)
         cell, ratio = find_most_slender(body.points[body.cells], body.kind)
         at = place(body.points[body.cells[cell]].mean(axis=0))
         motion = f"motion along {'xyz'[axis]} at {place(self.nodes[node])}"
         cells = f" (the most slender is at {at}, {ratio:.2g} times as long as thick)"
-        undecided = describe_undecided(f"body {body.name!r}", motion, cells)
-        return with_message(error, undecided)
+        reason = describe_soft(f"body {body.name!r}", motion, cells)
+        return with_message(error, reason)
 
     def _find_support(self, contact: int) -> str | None:
         """``support 'body.surface'`` for a support of the nodes of a contact."""
