@@ -63,7 +63,7 @@ JUMP_PATIENCE = 32
 # Parts of a load step at most. Half and twice: a coefficient that is half or twice as large is
 # refused.
 MOST_PARTS = 1024
-# If halved load steps change a cycle by more than this part, the message asks for shorter ones.
+# If halved load steps change the depth by more than this part, the message asks for shorter ones.
 COARSE_CYCLE = 0.1
 # Up to this number of contacts, the bound of jumps is computed from the dense matrix. Half and
 # twice: the time of the bound changes by milliseconds.

@@ -91,21 +91,25 @@ class CycleSolver:
             error.wear = self._make_wear(error.reason)
             raise
         if number == 2 or number == self._end == 1:
-            self._compare_halved_steps(cycle, number)
+            self._compare_halved_steps(cycle)
         self._wait = max(self._wait - 1, 0)
         self._accept(cycle, 0, np.zeros_like(cycle.worn), 0.0)
 
-    def _compare_halved_steps(self, cycle: Cycle, number: int) -> None:
-        """Solve a cycle again with halved load steps, to see what their length changes."""
-        state = self._state
-        if not self._cycles.can_divide(state.at):
+    def _compare_halved_steps(self, cycle: Cycle) -> None:
+        """Solve the cycles so far with halved load steps, to see what their length changes."""
+        state, begin = self._state, self._cycles.arguments.state
+        at, depth = begin.at, begin.depth
+        if begin.cycle > 0 or not self._cycles.can_divide(at):
             return
         try:
-            halved = self._solve_cycle(state.at, state.depth, number, parts=2)
+            for number in range(1, state.cycle + 2):
+                halved = self._solve_cycle(at, depth, number, parts=2)
+                at, depth = halved.last, depth + halved.worn
         except (NoEquilibriumError, NotConvergedError):
             return
-        deepest = float(cycle.worn.max())
-        change = float(np.abs(halved.worn - cycle.worn).max())
+        known = state.depth + cycle.worn
+        deepest = float(np.maximum(known, depth).max())
+        change = float(np.abs(depth - known).max())
         self._state = replace(
             state, step_error=change / deepest if deepest > 0 else 0.0
         )

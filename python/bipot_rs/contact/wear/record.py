@@ -143,12 +143,12 @@ class Wear:
         Largest number of parts of a load step. A load step whose wear would make pressures
         overshoot is halved until it does not.
     step_error
-        Change of the depth that a cycle wears off if its load steps are halved, relative to the
-        largest depth that it wears off: an estimate of the error of its load steps. The second
-        cycle is compared, or the only one; ``None`` if load steps cannot be divided, because
-        they have frames of their own, or the problem was made with ``loads``.
+        Change of the depth after the first two cycles, or the only one, if their load steps
+        are halved, relative to the largest depth: an estimate of the error of their load steps.
+        ``None`` if they cannot be divided, because they have frames of their own, the problem
+        was made with ``loads``, or the loads of the start are not known.
     paths
-        Number of load paths that were solved, with that of the halved load steps.
+        Number of load paths that were solved, with those of the halved load steps.
     result
         `Result` of the last cycle; ``None`` if there is none.
     ends
@@ -202,9 +202,11 @@ class Wear:
                 "more than the contacts are pressed together"
             )
         if self.step_error is not None:
-            paths += f"; halved load steps change a cycle by {self.step_error:.1e}"
+            paths += (
+                f"; halved load steps change the first depths by {self.step_error:.1e}"
+            )
             if self.step_error > tuning.COARSE_CYCLE:
-                paths += " of its depth: divide the cycle into more load steps"
+                paths += " of the largest: divide the cycle into more load steps"
         return paths
 
     @property

@@ -2,7 +2,6 @@
 
 import pickle
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import assemble
 from bipot_rs.scene.reading import read
 from support.two_blocks import arrays
-from support.worn import COEFFICIENT, PULL, TOL, pad, spring, worn_pad
+from support.worn import COEFFICIENT, PULL, TOL, pad, random_pad, spring, worn_pad
 
 # Sums of some hundred reactions that are solved to η = 1e-13.
 SAME = 1e-11
@@ -253,13 +252,13 @@ def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
         wear = problem.wear(
             prescribed=cycle, coefficient=COEFFICIENT / 2, cycles=50, jump=jump
         )
-        # That with halved steps has twice as many.
-        assert steps == 4 * (wear.paths + 1)
+        # The two with halved steps have twice as many.
+        assert steps == 4 * (wear.paths + 2)
         made = sum(j.accepted for j in wear.jumps)
         # Two cycles for each jump, one of which is the next row.
-        assert wear.paths <= 1 + len(wear.cycle) + made + 2 * wear.rejected
+        assert wear.paths <= 2 + len(wear.cycle) + made + 2 * wear.rejected
         if not jump:
-            assert wear.paths == 1 + 50
+            assert wear.paths == 2 + 50
     del body
 
 
@@ -330,8 +329,8 @@ def test_contacts_of_one_degree_of_freedom_forbid_jumps() -> None:
     wear = problem.wear(PULL, coefficient=1e-9, cycles=9)
     assert wear.longest == 0
     assert wear.jumps == ()
-    # With the second cycle in halved steps.
-    assert wear.paths == 10
+    # With two cycles in halved steps.
+    assert wear.paths == 11
 
 
 @pytest.mark.parametrize(("coefficient", "parts"), [(1e-6, 1), (2e-5, 2), (4e-5, 4)])
@@ -391,33 +390,51 @@ def test_a_pad_wears_by_its_approach_at_most(coefficient: float, jump: bool) -> 
     assert "stable jumps have at most 0." in wear.said
 
 
-def test_load_steps_that_are_too_long_are_told() -> None:
-    """A pad is pressed and moved at once: it slides while it is hardly pressed."""
-    problem = pad()[1]
-    m = len(problem.stiffness.options.fixed) // 2
-    cycle = np.repeat([[0.05, -0.02], [0.0, -0.002]], m, axis=1)
-    worn = []
-    for parts in (1, 2, 4, 8):
-        shares = np.arange(1, parts + 1)[:, None] / parts
-        ends = [cycle[k - 1] + shares * (cycle[k] - cycle[k - 1]) for k in (0, 1)]
-        wear = problem.wear(
-            prescribed=np.concatenate(ends), coefficient=1e-5, cycles=2, tol=TOL
+@pytest.mark.parametrize(
+    "seeds", [range(4), pytest.param(range(4, 60), marks=pytest.mark.slow)]
+)
+def test_load_steps_that_are_too_long_are_told(seeds: range) -> None:
+    """Random pads, with one load step a half cycle, against eight times as many."""
+    told = 0
+    for seed in seeds:
+        problem, path = random_pad(seed)
+        path |= {"cycles": 2}
+        cycle = path["prescribed"]
+        from_rest = [divide(np.zeros_like(cycle[0]), cycle, parts) for parts in (2, 8)]
+        wear, halved, fine = (
+            problem.wear(**path | {"prescribed": c, "cycles": 1})
+            for c in (cycle, *from_rest)
         )
-        worn.append((wear.worn[1], wear.step_error, wear.said))
-    for (one, error, said), (halved, _, _) in pairwise(worn):
-        change = abs(halved - one).max() / one.max()
-        # The second cycle from the end of the first one, which has another history.
-        assert error == pytest.approx(change, rel=0.3)
-        assert ("into more load steps" in said) == (error > 0.1)
-    errors = [error for _, error, _ in worn]
-    assert errors[0] > 0.2
-    # Of the first order.
-    assert errors[-1] < 0.3 * errors[0]
+        deepest = max(wear.depth.max(), halved.depth.max())
+        change = abs(halved.depth[-1] - wear.depth[-1]).max() / deepest
+        assert wear.step_error == pytest.approx(change, rel=1e-6, abs=1e-9), seed
+        # Two cycles: the second begins at the end of the first.
+        both = problem.wear(**path)
+        rest = divide(cycle[-1], cycle, 8)
+        fine = problem.wear(**path | {"prescribed": rest, "cycles": 1}, start=fine)
+        deepest = max(fine.depth.max(), both.depth.max())
+        error = abs(fine.depth[-1] - both.depth[-1]).max() / deepest
+        # Halving removes half of a small error of the first order, and less of a large one.
+        assert both.step_error >= error / 10, seed
+        assert error <= 0.5 or both.step_error > 0.1, seed
+        assert ("into more load steps" in both.said) == (both.step_error > 0.1), seed
+        told += both.step_error > 0.1
+    assert told > 0
+
+
+def divide(begin: np.ndarray, cycle: np.ndarray, parts: int) -> np.ndarray:
+    """The load steps of a cycle, divided."""
+    shares = np.arange(1, parts + 1)[:, None] / parts
+    before = [begin, *cycle[:-1]]
+    return np.concatenate(
+        [a + shares * (b - a) for a, b in zip(before, cycle, strict=True)]
+    )
 
 
 def test_cycles_with_one_load_step_and_frames_are_not_compared() -> None:
     one = spring().wear(PULL[:1], coefficient=1e-9, cycles=3, jump=False)
-    assert one.step_error == 0.0
+    # The pressure changes by k slip K / area = 4e-5 in a load step.
+    assert one.step_error <= 4e-5
     moving = bp.MovingGaps([[-0.01]] * 2, [[np.eye(2)]] * 2, np.zeros((2, 1, 2)))
     framed = spring(frame=[np.eye(2)]).wear(
         PULL, coefficient=1e-9, cycles=3, gap=moving
@@ -527,8 +544,8 @@ def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
 def test_a_step_that_fails_keeps_the_cycles_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # After two cycles, and the second one with halved steps.
-    stalls(monkeypatch, 4 * 2 + 8 + 3)
+    # After two cycles, and the same with halved steps.
+    stalls(monkeypatch, 4 * 2 + 8 * 2 + 3)
     with pytest.raises(NotConvergedError, match=r"^cycle 3: load step 3: ") as raised:
         worn_pad(cycles=9, jump=False)
     error = raised.value
@@ -552,8 +569,8 @@ def test_a_step_that_fails_keeps_the_cycles_before(
 
 def test_a_trial_that_fails_is_a_rejected_jump(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = spring().wear(PULL, coefficient=1e-9, cycles=60)
-    # After two cycles, and the second one with halved steps.
-    stalls(monkeypatch, 2 * 2 + 4 + 2)
+    # After two cycles, and the same with halved steps.
+    stalls(monkeypatch, 2 * 2 + 2 * 4 + 2)
     wear = spring().wear(PULL, coefficient=1e-9, cycles=60)
     assert not wear.jumps[0].accepted
     assert np.isnan(wear.jumps[0].estimate)
