@@ -325,9 +325,7 @@ def test_slip_beyond_the_extent_of_the_contacts() -> None:
     load = np.array([-1.0, 5.0, -1.0, 5.0])
     problem = bp.ContactProblem(K, B, gap=[0.0, 0.0], mu=0.1, points=points)
     (remark,) = problem.solve(load).remarks
-    assert remark.startswith(
-        "contacts slip by up to 4.9 in a load step"
-    )
+    assert remark.startswith("contacts slip by up to 4.9 in a load step")
     assert problem.solve(1e-3 * load).remarks == ()
 
 
