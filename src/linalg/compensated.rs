@@ -38,6 +38,13 @@ impl Sum {
     pub fn value(&self) -> f64 {
         self.high + self.low
     }
+
+    /// The value, and the digits below its rounding.
+    #[must_use]
+    pub fn parts(&self) -> (f64, f64) {
+        let value = self.value();
+        (value, (self.high - value) + self.low)
+    }
 }
 
 /// `a · b`.

@@ -44,10 +44,20 @@ pub trait Engine<const D: usize> {
     /// The contacts of each body without a support.
     fn floating(&self) -> Vec<Vec<usize>>;
 
-    /// `A y`.
+    /// Whether a motion may be too soft for the preconditioner.
     ///
     /// # Errors
     /// Those of the engine, as for all methods.
+    fn may_be_soft(&mut self) -> Result<bool, Self::Error>;
+
+    /// Whether supports, springs and contacts with these statuses hold every rigid motion, as far
+    /// as the engine can tell.
+    fn is_held(&self, tangent: &Tangent<D>, statuses: &[Status]) -> bool;
+
+    /// `A y`.
+    ///
+    /// # Errors
+    /// Those of the engine.
     fn product(&mut self, y: &Self::Vector) -> Result<Self::Vector, Self::Error>;
 
     /// `y + s x`.
@@ -60,6 +70,19 @@ pub trait Engine<const D: usize> {
         s: f64,
         x: &Self::Vector,
     ) -> Result<Self::Vector, Self::Error>;
+
+    /// `A y − f`, in twice the precision where the engine has it.
+    ///
+    /// # Errors
+    /// Those of the engine.
+    fn unbalanced(
+        &mut self,
+        y: &Self::Vector,
+        force: &Self::Vector,
+    ) -> Result<Self::Vector, Self::Error> {
+        let product = self.product(y)?;
+        self.add(product, -1.0, force)
+    }
 
     /// The values at the contacts; zero for a component without an unknown.
     ///

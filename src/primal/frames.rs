@@ -7,6 +7,7 @@
 //! force needs no further equation, and each master feels its part of it.
 
 use crate::error::Error;
+use crate::linalg::compensated::Sum;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::own_nodes::{AboutNodes, Columns, Frame, choose};
@@ -160,6 +161,37 @@ impl<const D: usize> Frames<D> {
                 set(f, *node, force);
             }
             set(f, frame.node, own);
+        }
+    }
+
+    /// `Tᵀ f` with sums in twice the precision, in place; `low` are the digits of `f` below its
+    /// rounding.
+    pub(super) fn forces_to_local_in_two(&self, f: &mut [f64], low: &mut [f64]) {
+        for (i, frame) in self.with_node() {
+            let s = D * frame.node;
+            let sums: [Sum; D] = std::array::from_fn(|k| {
+                let mut sum = Sum::default();
+                for l in 0..D {
+                    sum.add_product(frame.from_local[(l, k)], low[s + l]);
+                    sum.add_product(frame.from_local[(l, k)], f[s + l]);
+                }
+                sum
+            });
+            for (k, sum) in sums.into_iter().enumerate() {
+                (f[s + k], low[s + k]) = sum.parts();
+            }
+            for (node, block) in self.masters(i) {
+                for k in 0..D {
+                    let at = D * node + k;
+                    let mut sum = Sum::new(f[at]);
+                    sum.add(low[at]);
+                    for l in 0..D {
+                        sum.add_product(-block[(l, k)], low[s + l]);
+                        sum.add_product(-block[(l, k)], f[s + l]);
+                    }
+                    (f[at], low[at]) = sum.parts();
+                }
+            }
         }
     }
 

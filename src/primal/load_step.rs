@@ -29,7 +29,7 @@ pub struct Made<V, const D: usize> {
     pub newton: usize,
     pub krylov: usize,
     pub reason: Option<Reason>,
-    /// Estimated relative errors, if it converged.
+    /// Estimated relative errors, if it converged and no motion is free.
     pub errors: Option<Errors>,
 }
 

@@ -10,7 +10,7 @@ use crate::linalg::flexible_gmres::{self, FlexibleSolution, Limits};
 use crate::linalg::parallel::{axpy, largest, norm};
 use crate::primal::engine::{Correction, Engine, Terms};
 use crate::primal::preconditioner::Preconditioner;
-use crate::primal::problem::Primal;
+use crate::primal::problem::{Force, Primal};
 use crate::primal::tangent::Tangent;
 use crate::primal::tuning;
 
@@ -20,6 +20,8 @@ pub struct Local<'p, const D: usize> {
     problem: &'p Primal<D>,
     stop: &'p AtomicBool,
     preconditioner: Preconditioner<'p, D>,
+    /// The forces of the step; empty for derivatives, which have none.
+    force: Force,
     work: Vec<f64>,
 }
 
@@ -31,8 +33,15 @@ impl<'p, const D: usize> Local<'p, D> {
             problem,
             stop,
             preconditioner: Preconditioner::new(problem, hierarchy),
+            force: Force::default(),
             work: Vec::new(),
         }
+    }
+
+    /// For a load step with these forces.
+    #[must_use]
+    pub fn with_force(self, force: Force) -> Self {
+        Self { force, ..self }
     }
 
     /// The hierarchy, for the next load step, and the memory of the largest one.
@@ -120,10 +129,23 @@ impl<const D: usize> Engine<D> for Local<'_, D> {
         self.problem.floating()
     }
 
+    fn may_be_soft(&mut self) -> Result<bool, Error> {
+        Ok(!self.problem.stiffness.supports.are_firm)
+    }
+
+    fn is_held(&self, tangent: &Tangent<D>, statuses: &[Status]) -> bool {
+        self.problem.is_held(tangent, statuses)
+    }
+
     fn product(&mut self, y: &Vec<f64>) -> Result<Vec<f64>, Error> {
         let mut out = vec![0.0; y.len()];
         self.problem.product(y, &mut self.work, &mut out);
         Ok(out)
+    }
+
+    /// The forces are those of the step, with their low digits.
+    fn unbalanced(&mut self, y: &Vec<f64>, _: &Vec<f64>) -> Result<Vec<f64>, Error> {
+        Ok(self.problem.imbalance(y, &self.force))
     }
 
     fn add(&mut self, mut y: Vec<f64>, s: f64, x: &Vec<f64>) -> Result<Vec<f64>, Error> {

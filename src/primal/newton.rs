@@ -29,6 +29,10 @@ const EXACT: f64 = 1e-12;
 /// is not accepted either: the direct engine computes such bodies in twice the precision.
 const SETTLED: f64 = 1e-9;
 
+/// The stiffness of the softest motion, relative to the body, that the estimate of its error
+/// holds: of springs that are softer, `K` has fewer than four digits.
+const SOFTEST: f64 = 1e-12;
+
 /// Why the method ended without a solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
@@ -59,7 +63,7 @@ pub struct SolvedStep<V, const D: usize> {
     pub judged: Judged<D>,
     pub outcome: Outcome,
     pub reason: Option<Reason>,
-    /// Estimated errors of the solution; `None` without convergence.
+    /// Estimated errors of the solution; `None` without convergence, or if motions are free.
     pub errors: Option<Errors>,
     pub newton: usize,
     pub krylov: usize,
@@ -72,8 +76,9 @@ pub struct SolvedStep<V, const D: usize> {
 pub struct Errors {
     /// Of the displacements, by the largest.
     pub displacement: f64,
-    /// `‖r − r*‖ / ‖r*‖` and `‖v − v*‖ / ‖v*‖`.
+    /// `‖r − r*‖ / ‖r*‖`.
     pub reaction: f64,
+    /// `‖v − v*‖ / ‖v*‖`, or that of the displacements if it is larger.
     pub relative_displacement: f64,
 }
 
@@ -84,7 +89,8 @@ enum Verdict {
     Unlawful,
     /// It holds, but the displacements may still change by more than [`SETTLED`].
     Unsettled,
-    Solution(Errors),
+    /// With its errors, unless motions are free: then it is one of many.
+    Solution(Option<Errors>),
 }
 
 /// The start of a load step.
@@ -186,7 +192,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
             let wanted = match verdict {
                 Verdict::Solution(found) => {
                     outcome = Outcome::Converged;
-                    errors = Some(found);
+                    errors = found;
                     break;
                 }
                 Verdict::Unsettled => {
@@ -264,10 +270,18 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
             return Ok(Verdict::Unlawful);
         }
         let most = SETTLED.max(tol);
-        let errors = self.estimate(tangent, statuses, point)?;
+        if !self.engine.is_held(tangent, statuses) {
+            // The displacements are one of many.
+            return Ok(if judged.floor() <= most {
+                Verdict::Solution(None)
+            } else {
+                Verdict::Unsettled
+            });
+        }
+        let errors = self.estimate(judged, tangent, statuses, point)?;
         let settled = errors.filter(|by| by.displacement <= most);
         let settled = settled.filter(|_| judged.floor() <= most);
-        Ok(settled.map_or(Verdict::Unsettled, Verdict::Solution))
+        Ok(settled.map_or(Verdict::Unsettled, |errors| Verdict::Solution(Some(errors))))
     }
 
     /// Whether a limit, or the lack of a better point since the step `best`, ends the steps.
@@ -336,8 +350,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         force: &E::Vector,
         offset: &[[f64; D]],
     ) -> Result<Point<E::Vector, D>, E::Error> {
-        let e = self.engine.product(&y)?;
-        let e = self.engine.add(e, -1.0, force)?;
+        let e = self.engine.unbalanced(&y, force)?;
         self.at_contacts(y, e, prescribed, offset)
     }
 
@@ -399,36 +412,69 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         })
     }
 
-    /// The change by one more correction; `None` if there is no preconditioner.
+    /// The change by one more correction; `None` if there is none.
     ///
-    /// One application of the preconditioner estimates the correction. It may miss soft motions
-    /// by the factor that slows the linear solver, so that the estimate is multiplied by it.
+    /// Of a body that its supports hold firmly, one application of the preconditioner estimates
+    /// the correction. It may miss motions by the factor that slows the linear solver, so that the
+    /// estimate is multiplied by it. A motion that is softer than single precision is no part of
+    /// the preconditioner: then the correction itself is computed. What its linear system leaves of
+    /// a residual of rounding may move [`SOFTEST`] motions.
     fn estimate(
         &mut self,
+        judged: &Judged<D>,
         tangent: &Tangent<D>,
         statuses: &[Status],
         point: &Point<E::Vector, D>,
     ) -> Result<Option<Errors>, E::Error> {
-        let Some(dy) = self.engine.estimate(tangent, statuses, &point.e)? else {
+        let mut least = f64::EPSILON;
+        let change = if self.engine.may_be_soft()? {
+            let wanted = tuning::fine_residual();
+            least *= wanted / SOFTEST;
+            self.correction(tangent, statuses, point, wanted)?
+                .map(|change| (change, 1.0))
+        } else {
+            let dy = self.engine.estimate(tangent, statuses, &point.e)?;
+            let slowness = self.slowness;
+            dy.map(|dy| self.change(dy))
+                .transpose()?
+                .map(|change| (change, slowness))
+        };
+        let Some((change, factor)) = change else {
             return Ok(None);
         };
-        let change = self.change(dy)?;
-        let (frames, moved) = (&self.contacts.frames, &change.moved_at);
+        let frames = &self.contacts.frames;
+        let moved = &change.moved_at;
         let prescribed = tangent.prescribed_reactions(frames, &point.r, &change.v, moved);
-        let r = sum(moved, &prescribed);
-        let slowness = self.slowness;
+        let mut r = sum(&sum(&point.r, moved), &prescribed);
+        for ((r, reaction), status) in r.iter_mut().zip(&judged.reaction).zip(statuses) {
+            if *status == Status::Open {
+                *r = [0.0; D];
+            }
+            for (r, reaction) in r.iter_mut().zip(reaction) {
+                *r -= reaction;
+            }
+        }
         let of = |changed: f64, whole: f64| {
             if changed == 0.0 {
                 0.0
             } else {
-                slowness * changed / whole
+                factor * changed / whole
             }
         };
         let sizes = self.engine.largest(&change.dy)?;
+        let displacement = of(sizes, self.engine.largest(&point.y)?);
+        let v = of(norm(change.v.as_flattened()), norm(point.v.as_flattened()));
+        let reaction = of(norm(r.as_flattened()), norm(judged.reaction.as_flattened()));
+        let pressed = judged.reaction.as_flattened().iter().any(|&r| r != 0.0);
         Ok(Some(Errors {
-            displacement: of(sizes, self.engine.largest(&point.y)?),
-            reaction: of(norm(r.as_flattened()), norm(point.r.as_flattened())),
-            relative_displacement: of(norm(change.v.as_flattened()), norm(point.v.as_flattened())),
+            displacement,
+            // A number of the solution is rounded, unless it is zero.
+            reaction: if pressed {
+                reaction.max(f64::EPSILON)
+            } else {
+                reaction
+            },
+            relative_displacement: v.max(displacement).max(least),
         }))
     }
 }

@@ -67,12 +67,15 @@ impl<const D: usize> PrimalPath<D> {
             problem.unknowns(&self.displacement)
         };
         let mut engine = Local::new(problem, stop, self.hierarchy.take());
+        let values = force.values.clone();
+        engine = engine.with_force(force);
         let start = Start {
             state: self.state.as_ref(),
             y,
         };
         let contacts = &problem.contacts;
-        let made = advance(&mut engine, contacts, start, (&force, prescribed), settings)?;
+        let loads = (&values, prescribed);
+        let made = advance(&mut engine, contacts, start, loads, settings)?;
         let (hierarchy, bytes) = engine.into_hierarchy();
         self.hierarchy = hierarchy;
         let displacement = problem.displacement(&made.y, prescribed);

@@ -7,12 +7,14 @@ use crate::bodies::basis::{motions_of_nodes, translations_of_nodes};
 use crate::bodies::connected;
 use crate::condensation::condense::ProblemArrays;
 use crate::error::Error;
+use crate::law::cone::Status;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::amg;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::soft_motions::complete;
+use crate::linalg::compensated::Sum;
 use crate::linalg::parallel::zero_where;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::{Index, narrow};
@@ -22,7 +24,8 @@ use crate::primal::frames::Frames;
 use crate::primal::interface::Interface;
 use crate::primal::nodes::Nodes;
 use crate::primal::own_nodes::AboutNodes;
-use crate::primal::supports::{self, Motions};
+use crate::primal::supports::{self, Motions, Supports};
+use crate::primal::tangent::Tangent;
 use crate::primal::tuning;
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::rotation::Rotation;
@@ -48,6 +51,7 @@ pub struct Stiffness {
     single: Mutex<Option<BlockMatrix<f32>>>,
     /// Near-null vectors if there are no coordinates.
     motions: Option<Vec<f64>>,
+    pub(super) supports: Supports,
 }
 
 impl Stiffness {
@@ -69,6 +73,13 @@ impl Stiffness {
             bodies,
         }
     }
+}
+
+/// Forces by places, and the digits below their rounding.
+#[derive(Clone, Debug, Default)]
+pub struct Force {
+    pub values: Vec<f64>,
+    low: Vec<f64>,
 }
 
 /// A contact problem.
@@ -116,13 +127,17 @@ impl<const D: usize> Primal<D> {
         }
         let matrix = BlockMatrix::new(&given.stiffness, &place, nodes.count, D);
         let bodies = matrix.connected();
-        if let Some(at) = &nodes.coordinates {
-            let motions = Motions {
-                values: &motions_of_nodes(at, D),
-                bodies: &bodies,
-            };
-            supports::check::<D, I>(&given.stiffness, &contact, &nodes, motions, &position)?;
-        }
+        let supports = match &nodes.coordinates {
+            // Which rotations are soft is not known.
+            None => Supports::default(),
+            Some(at) => {
+                let motions = Motions {
+                    values: &motions_of_nodes(at, D),
+                    bodies: &bodies,
+                };
+                supports::check::<D, I>(&given.stiffness, &contact, &nodes, motions, &position)?
+            }
+        };
         let single = matrix.to_single();
         let spectrum = Multigrid::spectrum_of(&single);
         let motions = match &nodes.coordinates {
@@ -139,6 +154,7 @@ impl<const D: usize> Primal<D> {
             spectrum,
             single: Mutex::new(Some(single)),
             motions,
+            supports,
         };
         Self::of(
             Arc::new(stiffness),
@@ -252,25 +268,51 @@ impl<const D: usize> Primal<D> {
         Self::of(stiffness, contact, elliptic, gap, law)
     }
 
-    /// `Tᵀ (f − K_fp u_p)` by places.
+    /// `Tᵀ (f − K_fp u_p)` by places, with sums in twice the precision.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NotFinite`].
-    pub fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Vec<f64>, Error> {
+    pub fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Force, Error> {
         let known = &self.stiffness;
         check_length("load", load.len(), self.order())?;
         check_finite("load", load)?;
         check_length("prescribed", prescribed.len(), known.fixed.len())?;
         check_finite("prescribed", prescribed)?;
-        let mut force = load.to_vec();
-        let minus: Vec<f64> = prescribed.iter().map(|u| -u).collect();
-        known.coupling.add_transposed_product(&minus, &mut force);
-        for &dof in &known.fixed {
-            force[dof] = 0.0;
+        let mut sums: Vec<Sum> = load.iter().map(|&value| Sum::new(value)).collect();
+        for (p, u) in prescribed.iter().enumerate() {
+            for (dof, value) in known.coupling.entries(p) {
+                sums[dof].add_product(value, -u);
+            }
         }
-        let mut force = known.nodes.gather(&force);
-        self.contacts.frames.forces_to_local(&mut force);
-        Ok(force)
+        for &dof in &known.fixed {
+            sums[dof] = Sum::default();
+        }
+        let (values, low): (Vec<f64>, Vec<f64>) = sums.iter().map(Sum::parts).unzip();
+        let (mut values, mut low) = (known.nodes.gather(&values), known.nodes.gather(&low));
+        let frames = &self.contacts.frames;
+        frames.forces_to_local_in_two(&mut values, &mut low);
+        Ok(Force { values, low })
+    }
+
+    /// `Tᵀ K T y − f` with sums in twice the precision: a motion that springs hold softly would
+    /// be lost in the rounding of the others.
+    #[must_use]
+    pub fn imbalance(&self, y: &[f64], force: &Force) -> Vec<f64> {
+        let mut u = y.to_vec();
+        self.contacts.frames.to_displacements(&mut u);
+        let (mut forces, mut low) = self.stiffness.matrix.product_in_two(&u);
+        self.clear_prescribed(&mut forces);
+        self.clear_prescribed(&mut low);
+        let frames = &self.contacts.frames;
+        frames.forces_to_local_in_two(&mut forces, &mut low);
+        let loads = force.values.iter().zip(&force.low);
+        for ((e, low), (f, f_low)) in forces.iter_mut().zip(&low).zip(loads) {
+            let mut sum = Sum::new(*e);
+            sum.add(-f);
+            sum.add(low - f_low);
+            *e = sum.value();
+        }
+        forces
     }
 
     /// `Tᵀ K T y`; `work` has the length of `y`.
@@ -363,6 +405,45 @@ impl<const D: usize> Primal<D> {
         let nodes = self.contacts.frames.with_node();
         let nodes = nodes.map(|(_, frame)| narrow(frame.node)).collect();
         Following::new(matrix, self.about_nodes(), nodes, settings, stop)
+    }
+
+    /// Whether supports, springs and contacts hold every rigid motion at a point: a contact that
+    /// sticks in all directions, one that slips along its normal and across its slip.
+    pub(super) fn is_held(&self, tangent: &Tangent<D>, statuses: &[Status]) -> bool {
+        let known = &self.stiffness;
+        let (Some(loose), Some(at)) = (&known.supports.loose, &known.nodes.coordinates) else {
+            return true;
+        };
+        let mut rows = OwnedMatrix::default();
+        let mut add = |contact: usize, direction: [f64; D]| {
+            for (k, factor) in direction.into_iter().enumerate().filter(|(_, f)| *f != 0.0) {
+                for (dof, b) in self.contact.entries(D * contact + k) {
+                    rows.index.push(dof);
+                    rows.values.push(factor * b);
+                }
+            }
+            rows.pointer.push(rows.index.len());
+        };
+        for (i, &status) in statuses.iter().enumerate() {
+            let held = match status {
+                Status::Open => 0,
+                Status::Slip => 1,
+                Status::Stick => D,
+            };
+            for k in 0..held {
+                add(i, std::array::from_fn(|l| f64::from(u8::from(l == k))));
+            }
+        }
+        for (i, spring) in tangent.springs_of_contacts() {
+            for row in spring.row_iter() {
+                add(i, std::array::from_fn(|l| row[l]));
+            }
+        }
+        let motions = Motions {
+            values: &motions_of_nodes(at, D),
+            bodies: &known.matrix.connected(),
+        };
+        loose.are_held_by(&rows, &known.nodes, motions)
     }
 
     /// The contacts of each body without a support.

@@ -22,6 +22,53 @@ pub(super) struct Motions<'a> {
     pub(super) bodies: &'a [u32],
 }
 
+/// What holds the bodies.
+#[derive(Debug, Default)]
+pub(super) struct Supports {
+    /// Whether prescribed displacements hold each body, by entries of `K` that are no weak springs.
+    pub(super) are_firm: bool,
+    /// The bodies that contacts must hold, if there are any.
+    pub(super) loose: Option<LooseBodies>,
+}
+
+/// Bodies that neither prescribed displacements nor springs hold, ascending, and what holds them
+/// but for contacts.
+#[derive(Debug)]
+pub(super) struct LooseBodies {
+    bodies: Vec<usize>,
+    holding: Holding,
+}
+
+impl LooseBodies {
+    /// Whether the contacts with these rows of `B` hold the bodies.
+    pub(super) fn are_held_by(
+        &self,
+        rows: &OwnedMatrix,
+        nodes: &Nodes,
+        motions: Motions<'_>,
+    ) -> bool {
+        let d = nodes.place.len() / nodes.count.max(1);
+        let m = motions.values.len() / nodes.place.len().max(1);
+        let mut holding = self.holding.clone();
+        for row in 0..rows.pointer.len() - 1 {
+            let size = norm(&rows.entries(row).map(|(_, b)| b).collect::<Vec<f64>>());
+            let mut moved = vec![0.0; holding.motions()];
+            for (dof, b) in rows.entries(row).filter(|_| size > 0.0) {
+                let at = nodes.place[dof] as usize;
+                let body = motions.bodies[at / d] as usize;
+                if let Ok(body) = self.bodies.binary_search(&body) {
+                    let motions = &motions.values[at * m..][..m];
+                    for (value, z) in moved[m * body..].iter_mut().zip(motions) {
+                        *value += b / size * z;
+                    }
+                }
+            }
+            holding.hold(&moved);
+        }
+        holding.is_held()
+    }
+}
+
 /// Checks that nothing can move freely. `position` is the number of each prescribed degree of
 /// freedom.
 ///
@@ -33,20 +80,26 @@ pub(super) fn check<const D: usize, I: Index>(
     nodes: &Nodes,
     motions: Motions<'_>,
     position: &[Option<usize>],
-) -> Result<(), Error> {
+) -> Result<Supports, Error> {
     let m = motions.values.len() / (D * nodes.count).max(1);
     let of = |dof: usize| &motions.values[nodes.place[dof] as usize * m..][..m];
     let body = |dof: usize| motions.bodies[nodes.place[dof] as usize / D] as usize;
     let mut holding = hold_single_nodes::<D>(motions.bodies, m);
+    let mut firm = holding.clone();
+    let diagonal = stiffness.diagonal();
     // A prescribed degree of freedom holds the bodies that it is coupled with.
     for dof in (0..position.len()).filter(|&dof| position[dof].is_some()) {
         let coupled = stiffness.column(dof);
         let coupled = coupled.filter(|&(other, k)| k != 0.0 && position[other].is_none());
-        let mut bodies: Vec<usize> = coupled.map(|(other, _)| body(other)).collect();
-        bodies.sort_unstable();
-        bodies.dedup();
-        for body in bodies {
+        let coupled = coupled.map(|(other, k)| (body(other), k.abs() / diagonal[other]));
+        let mut bodies: Vec<(usize, f64)> = coupled.collect();
+        bodies.sort_by_key(|&(body, _)| body);
+        for coupling in bodies.chunk_by(|(a, _), (b, _)| a == b) {
+            let body = coupling[0].0;
             holding[body].hold(of(dof));
+            if coupling.iter().any(|&(_, share)| share >= spring_force()) {
+                firm[body].hold(of(dof));
+            }
         }
     }
     // Bodies that supports do not hold, and then those that springs do not hold either.
@@ -55,9 +108,14 @@ pub(super) fn check<const D: usize, I: Index>(
         moves[body(dof)] = true;
     }
     let mut loose: Vec<usize> = (0..moves.len()).filter(|&b| moves[b]).collect();
+    let are_firm = loose.iter().all(|&body| firm[body].is_held());
+    let held = Supports {
+        are_firm,
+        loose: None,
+    };
     loose.retain(|&body| !holding[body].is_held());
     if loose.is_empty() {
-        return Ok(());
+        return Ok(held);
     }
     let springs: Vec<(usize, Vec<f64>)> = (0..stiffness.n())
         .into_par_iter()
@@ -79,7 +137,7 @@ pub(super) fn check<const D: usize, I: Index>(
     }
     loose.retain(|&body| !holding[body].is_held());
     if loose.is_empty() {
-        return Ok(());
+        return Ok(held);
     }
     if loose.len() > MOST_LOOSE {
         return Err(Error::NotIterative {
@@ -87,11 +145,15 @@ pub(super) fn check<const D: usize, I: Index>(
         });
     }
     let of_loose = loose.iter().map(|&body| holding[body].clone());
-    let mut joined = Holding::join(of_loose.collect());
-    let number = |dof: usize| loose.binary_search(&body(dof)).ok();
-    hold_by_contacts(&mut joined, contact, m, of, number);
-    if joined.is_held() {
-        Ok(())
+    let loose = LooseBodies {
+        holding: Holding::join(of_loose.collect()),
+        bodies: loose,
+    };
+    if loose.are_held_by(contact, nodes, motions) {
+        Ok(Supports {
+            loose: Some(loose),
+            ..held
+        })
     } else {
         Err(Error::NotIterative {
             reason: "supports and contacts may leave a body free to move",
@@ -118,26 +180,4 @@ fn hold_single_nodes<const D: usize>(bodies: &[u32], m: usize) -> Vec<Holding> {
         }
     }
     holding
-}
-
-/// Adds the relative displacements of the contacts by the motions of the loose bodies.
-fn hold_by_contacts<'a>(
-    joined: &mut Holding,
-    contact: &OwnedMatrix,
-    m: usize,
-    of: impl Fn(usize) -> &'a [f64],
-    number: impl Fn(usize) -> Option<usize>,
-) {
-    for row in 0..contact.pointer.len() - 1 {
-        let size = norm(&contact.entries(row).map(|(_, b)| b).collect::<Vec<f64>>());
-        let mut moved = vec![0.0; joined.motions()];
-        for (dof, b) in contact.entries(row) {
-            if let Some(body) = number(dof).filter(|_| size > 0.0) {
-                for (value, z) in moved[m * body..].iter_mut().zip(of(dof)) {
-                    *value += b / size * z;
-                }
-            }
-        }
-        joined.hold(&moved);
-    }
 }

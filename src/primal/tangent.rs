@@ -195,11 +195,17 @@ impl<const D: usize> Tangent<D> {
         all.map(|one| (one.at / D, one.symmetric_spring()))
     }
 
+    /// The symmetric part of the springs of sliding contacts, with the contacts.
+    pub(super) fn springs_of_contacts(&self) -> impl Iterator<Item = (usize, Block<D>)> {
+        let all = self.sliding.iter();
+        all.map(|one| (one.contact, one.symmetric_spring()))
+    }
+
     /// The symmetric part of the springs of all contacts with a node, zero unless they slide.
     pub(super) fn springs(&self, frames: &Frames<D>) -> Vec<f64> {
         let mut of_contacts = vec![Block::<D>::zeros(); frames.list.len()];
-        for one in &self.sliding {
-            of_contacts[one.contact] = one.symmetric_spring();
+        for (contact, spring) in self.springs_of_contacts() {
+            of_contacts[contact] = spring;
         }
         let with_node = frames.with_node();
         let blocks = with_node.flat_map(|(i, _)| of_contacts[i].iter().copied());

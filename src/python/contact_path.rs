@@ -60,6 +60,14 @@ where
         self.interface.floating.clone()
     }
 
+    fn may_be_soft(&mut self) -> PyResult<bool> {
+        self.engine.call_method0("may_be_soft")?.is_truthy()
+    }
+
+    fn is_held(&self, _: &Tangent<D>, _: &[Status]) -> bool {
+        true
+    }
+
     fn product(&mut self, y: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         self.engine.call_method1("product", (y,))
     }

@@ -72,7 +72,7 @@ impl PyPrimalTangent {
     ) -> PyResult<Free<'py>> {
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
         let (q, e) = for_either!(&self.kind, inner => {
-            let e = inner.problem.force(load, prescribed)?;
+            let e = inner.problem.force(load, prescribed)?.values;
             (offsets(&inner.problem.contacts, &self.factors, prescribed), e)
         });
         let q = self.square(py, q)?;

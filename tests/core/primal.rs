@@ -267,7 +267,7 @@ fn a_row_out_of_balance_is_no_solution() {
         .unwrap();
     let [(load, prescribed), _] = blocks.steps();
     let [first, _] = blocks.primal().try_into().unwrap();
-    let force = problem.force(&load, &prescribed).unwrap();
+    let force = problem.force(&load, &prescribed).unwrap().values;
     let mut engine = Local::new(&problem, &never, None);
     let y = problem.unknowns(&first.displacement);
     let mut e = engine.product(&y).unwrap();

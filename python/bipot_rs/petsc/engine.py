@@ -29,8 +29,13 @@ class VectorOperations:
     Vectors are never changed: each method returns a new one.
     """
 
-    def __init__(self, operator: Operator, solver: LinearSolver) -> None:
-        self._operator, self._solver = operator, solver
+    def __init__(self, engine: PetscEngine) -> None:
+        self._operator, self._solver = engine.operator, engine.solver
+        self._soft = engine.soft
+
+    def may_be_soft(self) -> bool:
+        """Whether a motion may be too soft for the preconditioner."""
+        return self._soft
 
     def product(self, y: PetscVec) -> PetscVec:
         """``A y``."""
@@ -137,12 +142,15 @@ class PetscEngine:
     ----------
     fixed
         All prescribed degrees of freedom, in the order of the caller.
+    soft
+        Whether a motion may be too soft for the preconditioner.
     """
 
     operator: Operator
     solver: LinearSolver
     fixed: Ints
     shape: tuple[int, int]
+    soft: bool
     gap: Floats | None = None
     record: SolverCounts = field(default_factory=SolverCounts)
     name = "petsc"
@@ -175,7 +183,7 @@ class PetscEngine:
         """Not available: the frames of a problem of PETSc are those of its B."""
         raise ValueError(NO_FRAMES)
 
-    def replacement(self) -> PetscEngine:
+    def replacement(self, _why: str = "", /) -> PetscEngine:
         """Nothing replaces this engine."""
         return self
 
@@ -237,7 +245,7 @@ class PetscPath:
         self.engine = engine
         self._core = core
         self._u = displacement
-        self._operations = VectorOperations(engine.operator, engine.solver)
+        self._operations = VectorOperations(engine)
 
     def step(
         self, load: Any, prescribed: Floats, gap: Floats | None, settings: Settings

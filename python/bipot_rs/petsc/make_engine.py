@@ -122,7 +122,9 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     )
     operator = Operator(K, variables, interface, fixed, d, library.PETSc)
     solver = _make_solver(operator, motions, given.gather, loose=loose)
-    return PetscEngine(operator, solver, given.fixed, given.contacts.shape)
+    # Without coordinates it is not known which rotations are soft.
+    soft = loose or given.coordinates is None
+    return PetscEngine(operator, solver, given.fixed, given.contacts.shape, soft)
 
 
 def _check_diagonal(K: PetscMat) -> None:

@@ -1,5 +1,6 @@
 //! A sparse matrix in square blocks, one row of blocks for each node.
 
+use crate::linalg::compensated::Sum;
 use crate::linalg::pages::zeros;
 use crate::linalg::parallel::largest;
 use crate::linalg::power_of_two::{exponent, times_two_to};
@@ -171,6 +172,34 @@ impl BlockMatrix<f64> {
             held: self.held.clone(),
             exponent,
         }
+    }
+}
+
+impl BlockMatrix<f64> {
+    /// `A x` with sums in twice the precision: the values, and the digits below their rounding.
+    ///
+    /// # Panics
+    /// If `x` has not an entry for each unknown.
+    #[must_use]
+    pub fn product_in_two(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let (size, n) = (self.b, self.b * self.nodes());
+        assert_eq!(x.len(), n);
+        let (mut high_parts, mut low_parts) = (zeros(n), zeros(n));
+        let parts = high_parts.chunks_mut(ROWS * size);
+        let parts = parts.zip(low_parts.chunks_mut(ROWS * size));
+        tasks::for_each(parts, |task, (high_parts, low_parts)| {
+            for (k, high_part) in high_parts.iter_mut().enumerate() {
+                let at = task * ROWS * size + k;
+                let mut sum = Sum::default();
+                for (node, block) in self.blocks_of_row(at / size) {
+                    for c in 0..size {
+                        sum.add_product(block[c * size + at % size], x[size * node + c]);
+                    }
+                }
+                (*high_part, low_parts[k]) = sum.parts();
+            }
+        });
+        (high_parts, low_parts)
     }
 }
 

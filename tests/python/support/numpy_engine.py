@@ -30,6 +30,9 @@ class NumpyEngine:
         self.K = K
         self.A = self.T.T @ K @ self.T
 
+    def may_be_soft(self) -> bool:
+        return True
+
     def product(self, y: Array) -> Array:
         return self.A @ y
 
