@@ -27,7 +27,7 @@ from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine
 from bipot_rs.contact.path.load_path import PathProblem, PathSolver
-from bipot_rs.contact.path.load_steps import Held, Loading
+from bipot_rs.contact.path.load_steps import Held, Loading, last_step
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.path.prepared import PreparedStiffness, StiffnessOptions
 from bipot_rs.contact.reduced import ReducedProblem
@@ -123,7 +123,7 @@ class ContactProblem:
         in the displacements with a multigrid preconditioner: time and memory grow in
         proportion to the entries of ``K``, but nothing that needs ``W`` is available.
         Without ``coordinates`` it takes more iterations, and supports must hold each body.
-        ``"auto"`` chooses at the first load path by a forecast of time and memory;
+        ``"auto"`` chooses for each load path by a forecast of time and memory;
         ``stats["engine"]`` and ``stats["engine_reason"]`` say which and why. A step that
         the iterative engine cannot solve is solved by the direct one, if its factor fits
         into memory.
@@ -500,7 +500,8 @@ class ContactProblem:
         checked = settings(method, tol, max_iterations, max_seconds, maxiter)
         callback("on_step", on_step)
         steps = self.loading.list_totals(load, prescribed, gap, start)
-        engine = self.stiffness.choose_engine(len(steps), method)
+        at = last_step(start)
+        engine = self.stiffness.choose_engine(len(steps), method, at)
         path = self._begin_path(engine, checked, start, gap)
         for k, totals in enumerate(steps):
             step = path.advance(*totals)
@@ -592,7 +593,7 @@ class ContactProblem:
         plan = check_increments(stops, first, largest, smallest, slip)
         totals = self.loading.make_totals(load, prescribed, gap, plan.stops[-1])
         expected = tuning.ADAPTIVE_STEPS * len(plan.stops)
-        engine = self.stiffness.choose_engine(expected, method)
+        engine = self.stiffness.choose_engine(expected, method, last_step(start))
         path = self._begin_path(engine, checked, start, gap)
         return solve_adaptively(path, totals, plan, on_step)
 
@@ -751,7 +752,8 @@ class ContactProblem:
             raise ValueError(
                 "load and prescribed have no load steps, expected a cycle of at least one"
             )
-        engine = self.stiffness.choose_engine(arguments.cycles * len(totals), method)
+        count, at = arguments.cycles * len(totals), arguments.state.at
+        engine = self.stiffness.choose_engine(count, method, at)
         stability = Stability(
             self.stiffness.matrix(),
             self.contacts.operator,

@@ -61,7 +61,7 @@ class Direct:
         """The same problem in other frames, Q by rows."""
         return Direct(self.core.rotated(rotation))
 
-    def replacement(self) -> Direct:
+    def replacement(self, _why: str = "", /) -> Direct:
         """Nothing replaces this engine."""
         return self
 

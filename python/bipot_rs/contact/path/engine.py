@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from bipot_rs.contact.stiffness.digits import Digits
 
 
+# Entry of the `stats` of a step of a path that the direct engine took over from another one.
+# A path that continues from there stays with it.
+REPLACED = "replaced"
+
+
 @dataclass(frozen=True)
 class RestoredDigits:
     """Relative error of K, and the error of its rigid motions before they were restored."""
@@ -102,8 +107,8 @@ class Engine(Protocol):
     def with_rotation(self, rotation: Floats, /) -> Engine:
         """The same problem in other frames: Q of each contact by rows, ``(d n_c, d)``."""
 
-    def replacement(self) -> Engine:
-        """The engine that solves what this one cannot; itself if there is none."""
+    def replacement(self, why: str = "", /) -> Engine:
+        """The engine that solves what this one cannot, and why; itself if there is none."""
 
     def path(self, at: Step | None, /) -> EnginePath:
         """A load path that starts from a step, or from the unloaded bodies."""

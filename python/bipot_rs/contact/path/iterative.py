@@ -32,7 +32,7 @@ class IterationRecord:
     newton: int = 0
     krylov: int = 0
     bytes_multigrid: int = 0
-    # Why the direct engine replaced it; empty if it did not.
+    # Why the direct engine replaced it in the last path; empty if it did not.
     replaced: str = ""
 
 
@@ -92,11 +92,11 @@ class Iterative:
         """
         core = self.core.rotated(rotation)
         if core is None:
-            self.record.replaced = (
+            direct = self.replacement(
                 "in the frames of a step, a support holds a contact along a direction that is "
                 "neither its normal nor a tangent"
             )
-            return self.replacement().with_rotation(rotation)
+            return direct.with_rotation(rotation)
         return replace(self, core=core, rotation=rotation)
 
     def path(self, at: Step | None) -> IterativePath:
@@ -120,9 +120,10 @@ class Iterative:
         """What answers questions about a step."""
         return UncondensedStep(data)
 
-    def replacement(self) -> Engine:
-        """The direct engine with the same law and frames."""
+    def replacement(self, why: str = "", /) -> Engine:
+        """The direct engine with the same law and frames, and why it takes over."""
         made = self.direct()
+        self.record.replaced = why or self.record.replaced
         made = made if self.law is None else made.with_law(self.law)
         return made if self.rotation is None else made.with_rotation(self.rotation)
 
@@ -160,13 +161,12 @@ class IterativePath:
         )
         if step.outcome is Outcome.STALLED:
             try:
-                direct = self._iterative.replacement()
+                direct = self._iterative.replacement(reason)
             except MemoryError:
                 return step
             other = direct.path(self._last)
             step = other.step(*asked)
             self._other, self.engine = other, direct
-            self._iterative.record.replaced = reason
         elif step.converged:
             computed = step.computed if loose else Computed()
             self._last = replace(step, computed=computed)

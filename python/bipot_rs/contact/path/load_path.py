@@ -19,7 +19,13 @@ from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as motion
 from bipot_rs.contact.messages.remarks import ProblemRemarks
 from bipot_rs.contact.path.contacts import Contacts
-from bipot_rs.contact.path.engine import Engine, RestoredDigits, StepData, StepFrames
+from bipot_rs.contact.path.engine import (
+    REPLACED,
+    Engine,
+    RestoredDigits,
+    StepData,
+    StepFrames,
+)
 from bipot_rs.contact.path.load_steps import (
     Gap,
     Held,
@@ -41,6 +47,9 @@ if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start
 
 E = TypeVar("E", bound=BipotError)
+
+# Why a path that continues from a step with the entry `REPLACED` is direct.
+CONTINUED = "in the part of the path before"
 
 # A path that continues from a step with frames of its own needs those of B.
 NO_FRAME = (
@@ -114,7 +123,7 @@ class PathSolver:
         start: Start | None,
         derivatives: PathDerivatives[Any] | None = None,
     ) -> None:
-        self._engine, self._problem = engine, problem
+        self._problem = problem
         self._contacts = problem.contacts
         self._settings = settings
         self._derivatives = derivatives
@@ -122,6 +131,9 @@ class PathSolver:
         framed = self.before is not None and self.before.frame is not None
         if framed and self._contacts.frame is None:
             raise ValueError(NO_FRAME)
+        # Whether the direct engine took over from the one that was chosen.
+        self._replaced = self.before is not None and REPLACED in self.before.stats
+        self._engine = engine.replacement(CONTINUED) if self._replaced else engine
         self._first = count_steps(start)
         self.steps: list[Step] = []
         self.rewind()
@@ -203,7 +215,7 @@ class PathSolver:
             self._seconds["solve"] += time.perf_counter() - began
         if self.path.engine.name != self._engine.name:
             # The direct engine replaced the iterative one, for the rest of the path.
-            self._engine = self._engine.replacement()
+            self._engine, self._replaced = self._engine.replacement(), True
         return self._complete(step, load, prescribed, gap)
 
     def _complete(
@@ -250,6 +262,7 @@ class PathSolver:
             recovery=recovery,
             inquiry=engine.inquiry(data),
             computed=computed,
+            stats={**step.stats, REPLACED: 1} if self._replaced else step.stats,
         )
 
     def _accept_converged(self, step: Step) -> Step:

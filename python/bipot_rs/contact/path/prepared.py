@@ -39,8 +39,9 @@ from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.contact.path import choice
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.direct import Direct
-from bipot_rs.contact.path.engine import Engine, RestoredDigits
+from bipot_rs.contact.path.engine import REPLACED, Engine, RestoredDigits
 from bipot_rs.contact.path.load_steps import Loads
+from bipot_rs.contact.results.solution import Step
 
 if TYPE_CHECKING:
     from bipot_rs.contact.path.iterative import Iterative
@@ -225,8 +226,8 @@ def _drop_components(
 class PreparedStiffness:
     """K with the engines that solve, one of which is chosen.
 
-    With ``engine="auto"`` in space, the first load path chooses. Until then K is kept as it
-    is; once it is condensed, the core has it. A pickle holds K and not the factor, which may
+    With ``engine="auto"`` in space, each load path chooses. Until one is direct, K is kept as
+    it is; once it is condensed, the core has it. A pickle holds K and not the factor, which may
     be a hundred times as large: condensing again gives the same bits.
 
     Parameters
@@ -248,9 +249,11 @@ class PreparedStiffness:
         Time of the condensation.
     """
 
-    # The condensed problem, once it is made; the iterative engine, while it may be used.
+    # The condensed problem, once it is made; the iterative engine, if it may be used.
     _condensed: _core.Condensed | None
     _iterative: Iterative | None
+    # Bytes that the direct engine may use, before it is made; None if unknown.
+    _memory: int | None
     # K, until it is condensed, or what assembles it once more.
     _parts: Parts | None
     _assemble: Callable[[], MatrixLike] | None
@@ -326,8 +329,14 @@ class PreparedStiffness:
             self._parts = self._assemble = None
         return Direct(self._condensed)
 
-    def choose_engine(self, steps: int, method: str) -> Engine:
-        """The engine of a load path."""
+    def choose_engine(
+        self, steps: int, method: str, start: Step | None = None
+    ) -> Engine:
+        """The engine of a load path.
+
+        It does not depend on earlier paths. A path that continues from the step ``start``
+        keeps the engine of that step.
+        """
         iterative, options = self._iterative, self.options
         if iterative is None:
             return self.make_direct()
@@ -335,18 +344,19 @@ class PreparedStiffness:
             if options.engine == "iterative":
                 choice.check_method(method, options.engine)
             return self.make_direct()
-        if options.engine == "auto" and self._condensed is None:
-            limit = options.memory_limit
-            memory = available() if limit is None else limit
-            self._choice = choice.choose_engine(
-                options.free, self._contacts.count, steps, memory
-            )
-            if self._choice[0] == "iterative":
-                self._tell_iterative()
-        if self._condensed is not None or self._choice[0] == "direct":
-            self._iterative = None
-            self._choice = "direct", self._choice[1]
+        iterative.record.replaced = ""
+        if options.engine == "auto":
+            if start is None or start.from_state:
+                self._choice = choice.choose_engine(
+                    options.free, self._contacts.count, steps, self._memory
+                )
+            else:
+                started = start.stats.keys() & {"krylov", REPLACED}
+                name = "iterative" if started else "direct"
+                self._choice = name, "it solved the step that the path continues from"
+        if self._choice[0] == "direct":
             return self.make_direct()
+        self._tell_iterative()
         return iterative
 
     @property
@@ -364,7 +374,7 @@ class PreparedStiffness:
             "engine_reason": why,
             "seconds_condense": self.seconds,
         }
-        if self._iterative is not None:
+        if self._iterative is not None and name != "direct":
             stats |= self._iterative.stats
             replaced = self._iterative.record.replaced
             if replaced:
@@ -410,6 +420,8 @@ class PreparedStiffness:
         self._on_forecast = None if iterative is None else on_forecast
         if iterative is None:
             return
+        limit = options.memory_limit
+        self._memory = available() if limit is None else limit
         if options.engine == "iterative":
             self._choice = "iterative", "it was asked for"
             self._tell_iterative()
@@ -546,7 +558,7 @@ class PreparedStiffness:
             cause = one_triangle(parts) or describe_enforced(parts)
             raise with_message(error, f"{error}{cause}") from None
         self.seconds = time.perf_counter() - started
-        self._choice = "auto", "the first load path decides"
+        self._choice = "auto", "the load path decides"
         return Iterative(core, self.make_direct, self._contacts.shape, loose=loose)
 
     def _find_reason_for_direct(self) -> str:

@@ -113,7 +113,7 @@ def read_step(
         raise ValueError("status is wrong, expected 0, 1 or 2 for each contact")
     written = {name: record[name] for name in _WRITTEN if name in record}
     written["outcome"] = Outcome(written["outcome"])
-    counts = ("bytes_beside_W", "newton", "krylov")
+    counts = ("bytes_beside_W", "newton", "krylov", "replaced")
     written["stats"] = {name: int(record[name]) for name in counts if name in record}
     computed = Computed(displacement=record.get("displacement"))
     if "error_estimate" in record:

@@ -385,7 +385,7 @@ class Assembly:
     ) -> ContactProblem:
         """Make the `ContactProblem` of these arrays, with moving obstacles.
 
-        ``engine="auto"`` chooses for ``steps`` load steps, or at the first load path.
+        ``engine="auto"`` chooses for ``steps`` load steps, or for each load path.
         """
         first_dofs = self.numbered.first_dofs
         for point in self.references:
