@@ -22,6 +22,7 @@ use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
 use crate::reduced::existence::{LEAST_WORK, excludes, is_unresisted};
 use crate::reduced::reduced::Reduced;
+use crate::reduced::residual;
 use crate::reduced::tuning;
 
 /// Result of the cone programme.
@@ -74,9 +75,11 @@ pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balan
     Balance::Possible
 }
 
-/// The direction of a rigid motion `a`, if it explains why an iteration at reactions `r` did
-/// not converge: the motion is much larger than the deformation, the loads work on it, and no
-/// normal force stops it. It is not a proof that friction does not stop it.
+/// The direction of a rigid motion `a`, if it shows why an iteration at reactions `r` did not
+/// converge: the motion is much larger than the deformation, the loads work on it, no normal
+/// force stops it, and twice the motion leaves no larger merit: then contacts open or slide along
+/// it, and it grows. Without any deformation there is nothing to compare it with. It is not a
+/// proof that friction does not stop it.
 #[must_use]
 pub fn runaway<const D: usize>(
     problem: &Reduced<D>,
@@ -86,11 +89,19 @@ pub fn runaway<const D: usize>(
     let scaling = &problem.scaling;
     let motion = scaling.rigid_to_scaled(a);
     let length = norm(&motion);
-    let mut deformed = problem.relative_displacement(r, &[]);
-    for (v, scale) in deformed.iter_mut().zip(&scaling.to_v) {
-        *v = v.map(|c| c * scale);
+    let still = problem.relative_displacement(r, &[]);
+    let deformed = still.iter().zip(&scaling.to_v);
+    let deformed: Vec<f64> = deformed
+        .flat_map(|(v, scale)| v.map(|c| c * scale))
+        .collect();
+    let deformed = norm(&deformed);
+    let is_large = length.is_finite() && length > tuning::runaway_motion() * deformed;
+    if deformed == 0.0 || !is_large {
+        return None;
     }
-    if !(length.is_finite() && length > tuning::runaway_motion() * norm(deformed.as_flattened())) {
+    let twice: Vec<f64> = a.iter().map(|a| 2.0 * a).collect();
+    let merit = |a: &[f64]| residual::merit(problem, r, &problem.relative_displacement(r, a));
+    if merit(&twice) > (1.0 + tuning::runaway_penetration()) * merit(a) {
         return None;
     }
     let motion: Vec<f64> = motion.iter().map(|x| x / length).collect();
