@@ -34,7 +34,7 @@ def test_walls_with_room_between_them_are_solved(method: str) -> None:
     assert result.reaction[0, 1, 0] == pytest.approx(0.2, rel=1e-9)
 
 
-@pytest.mark.parametrize("mu", [1e6, 1e9, 1e300])
+@pytest.mark.parametrize("mu", [1e6, 1e9, 1e75])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_large_mu_hides_no_penetration(mu: float, method: str) -> None:
     rng = np.random.default_rng(5)
