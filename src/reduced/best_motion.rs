@@ -59,7 +59,8 @@ impl<const D: usize> Allowed<D> {
         }
     }
 
-    /// The weighted part of `v` outside, and its derivative. `margin` is the rounding of `v`: a lifted contact does not penetrate by rounding.
+    /// The weighted part of `v` outside, and its derivative. `margin` is the rounding of `v`: a
+    /// lifted contact does not penetrate by rounding.
     fn outside(&self, v: &[f64; D], margin: f64) -> ([f64; D], Block<D>) {
         let mut counted = Block::<D>::zeros();
         let mut rest = [0.0; D];
@@ -105,12 +106,15 @@ struct Search<'a, 'b, const D: usize> {
 #[must_use]
 pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
     let scaling = &problem.scaling;
+    if scaling.modes.is_empty() {
+        return Vec::new();
+    }
     let search = Search::new(problem, r);
     let largest = norm(search.force.as_flattened());
     let mut motion = vec![0.0; scaling.modes.len()];
     let mut best = (search.eta(&motion), motion.clone());
     let mut laws: Vec<Allowed<D>> = Vec::new();
-    let mut zero = 0.5 * f64::EPSILON * largest;
+    let mut zero = (0.5 * f64::EPSILON * largest).max(f64::MIN_POSITIVE);
     loop {
         let forces = search.force.iter().zip(&problem.law);
         let next = forces.map(|(r, law)| Allowed::with(r, law.mu, zero));
@@ -138,7 +142,8 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
             }
         }
         // A smaller η would have been found with a smaller threshold.
-        if zero >= largest || best.0 * largest <= 0.01 * zero {
+        // Written such that reactions that are no number end it.
+        if !(zero < largest) || best.0 * largest <= 0.01 * zero {
             break;
         }
         zero *= tuning::next_threshold();
