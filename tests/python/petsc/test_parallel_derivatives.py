@@ -25,8 +25,8 @@ def directions(known: dict[str, Any], result: bp.Result, seed: int) -> dict[str,
     scale = 1 + 0.1 * rng.standard_normal(K.shape[0])
     change.data = change.data * 0.5
     change = (change.multiply(scale[:, None]) + change.multiply(scale[None, :])).tocsr()
-    force = np.abs(result.reaction).max()
-    length = np.abs(result.relative_displacement).max()
+    force = np.abs(result.reaction).max() or 1.0
+    length = np.abs(result.relative_displacement).max() or 1.0
     fixed = len(known.get("fixed", ()))
     given = {
         "along_load": force * rng.standard_normal((steps, K.shape[0])),
