@@ -327,7 +327,8 @@ fn nodes_that_do_not_match() {
 fn a_block_that_only_contact_holds() {
     for ratio in [0.1, 10.0] {
         let (krylov, _) = Blocks::new(6, 6, ratio, 0.3, true).agrees();
-        assert!(krylov <= 75, "ratio {ratio}: {krylov}");
+        // The correction that settles its motions is solved: a third more.
+        assert!(krylov <= 100, "ratio {ratio}: {krylov}");
     }
 }
 
@@ -338,7 +339,7 @@ fn a_block_that_floats_above_the_other() {
         gap[0] = 1e-3 * SIDE;
     }
     let (krylov, _) = blocks.agrees();
-    assert!(krylov <= 75, "{krylov}");
+    assert!(krylov <= 100, "{krylov}");
 }
 
 #[test]
