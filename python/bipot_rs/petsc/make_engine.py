@@ -122,8 +122,9 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     )
     operator = Operator(K, variables, interface, fixed, d, library.PETSc)
     solver = _make_solver(operator, motions, given.gather, loose=loose)
-    # Without coordinates it is not known which rotations are soft.
-    soft = loose or given.coordinates is None
+    # Without coordinates it is not known which rotations are soft. A body that contact alone
+    # holds may have a motion that nothing resists, and no correction settles.
+    soft = not loose and given.coordinates is None
     return PetscEngine(operator, solver, given.fixed, given.contacts.shape, soft)
 
 
