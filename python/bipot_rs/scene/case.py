@@ -25,7 +25,6 @@ from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.stress_recovery import stress
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 from bipot_rs.fem.checks.inspection import inspect
-from bipot_rs.fem.checks.unbalanced import describe_unbalanced
 from bipot_rs.scene.build import make_loads, make_parts
 from bipot_rs.scene.histories import Histories
 from bipot_rs.scene.load_history import LoadHistory
@@ -348,6 +347,8 @@ class Case:
         """The first load step that contact cannot carry, described; None if there is none."""
         if self.load is None:
             return None
+        from bipot_rs.fem.checks.unbalanced import describe_unbalanced
+
         return describe_unbalanced(self.model, self.load, self.gaps)
 
     def stress_at_rest(self, step: int | Step) -> Floats | None:

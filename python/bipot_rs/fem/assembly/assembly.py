@@ -33,7 +33,6 @@ from bipot_rs.contact.path.moving_gaps import (
     join_steps,
 )
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.stiffness.digits import describe_soft
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
 from bipot_rs.fem.bodies.body import Body, Box, Field
 from bipot_rs.fem.bodies.boundary import Spring
@@ -54,7 +53,6 @@ from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.obstacle_path import frames_of_steps
 from bipot_rs.fem.contact.rigid import follow_obstacle
 from bipot_rs.fem.contact.surfaces import ContactSurface
-from bipot_rs.mesh.quality import find_most_slender
 from bipot_rs.obstacle.motion import Motion
 
 if TYPE_CHECKING:
@@ -416,6 +414,10 @@ class Assembly:
 
     def _name_cause(self, error: ValueError) -> ValueError:
         """The error of a problem with the support, the body and the cells that caused it."""
+        # Only for a failure: SciPy's solvers take longer to import than a small job.
+        from bipot_rs.contact.stiffness.digits import describe_soft
+        from bipot_rs.mesh.quality import find_most_slender
+
         if isinstance(error, NotIterativeError):
             contact = error.contact
             support = None if contact is None else self._find_support(contact)
