@@ -79,6 +79,18 @@ pub struct RoundingSample {
     pub work: Vec<f64>,
 }
 
+/// Sets work within its rounding error to zero; returns whether any of it changed.
+pub fn drop_rounding(work: &mut [f64], rounding: &[f64]) -> bool {
+    let mut dropped = false;
+    for (work, error) in work.iter_mut().zip(rounding) {
+        if *work != 0.0 && work.abs() <= *error {
+            *work = 0.0;
+            dropped = true;
+        }
+    }
+    dropped
+}
+
 /// The eliminated unknowns of a body.
 #[derive(Debug)]
 pub enum Interior {
@@ -279,11 +291,7 @@ impl Body {
             && !motions.iter().zip(&work).all(is_clear)
             && let Ok(rounding) = self.load_rounding(force)
         {
-            for (work, error) in work.iter_mut().zip(rounding) {
-                if work.abs() <= error {
-                    *work = 0.0;
-                }
-            }
+            drop_rounding(&mut work, &rounding);
         }
         work
     }

@@ -413,11 +413,10 @@ impl<const D: usize> Condensed<D> {
         if work.iter().all(|&e| e == 0.0) {
             self.close_what_touches(load, prescribed, &mut q);
         }
-        let load = work;
         let modes = self.modes();
         Ok(FreePart {
             q,
-            rigid: Rigid { modes, load },
+            rigid: Rigid { modes, load: work },
         })
     }
 

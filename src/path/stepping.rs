@@ -4,7 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::condensation::bodies::Loaded;
-use crate::condensation::body::DIGITS;
+use crate::condensation::body::{DIGITS, drop_rounding};
 use crate::condensation::condense::Condensed;
 use crate::error::Error;
 use crate::law::cone::Status;
@@ -98,14 +98,16 @@ fn without_rounding<'a, const D: usize>(
     if reduced.rigid.load.iter().all(|&e| e == 0.0) {
         return Ok(None);
     }
-    let rounding = problem.bodies().load_rounding(load, prescribed)?;
-    let is_rounding = |(e, least): (&f64, &f64)| *e != 0.0 && e.abs() <= *least;
-    let loads = reduced.rigid.load.iter().zip(&rounding);
-    if !loads.clone().any(is_rounding) {
+    let rounding = if reduced.load_rounding.is_empty() {
+        problem.bodies().load_rounding(load, prescribed)?
+    } else {
+        reduced.load_rounding.clone()
+    };
+    let mut kept = reduced.rigid.load.clone();
+    if !drop_rounding(&mut kept, &rounding) {
         return Ok(None);
     }
-    let kept = loads.map(|pair| if is_rounding(pair) { 0.0 } else { *pair.0 });
-    let mut without = reduced.with_load(kept.collect());
+    let mut without = reduced.with_load(kept);
     without.load_rounding = rounding;
     Ok(Some(without))
 }
