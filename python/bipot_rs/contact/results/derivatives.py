@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,17 +80,17 @@ class Adjoint(Protocol):
 class _Unavailable:
     """The adjoint of a gradient, and the displacements of a tangent, that came without them."""
 
-    def load(self) -> Floats:
+    def load(self) -> NoReturn:
         raise ValueError(
             "these derivatives came from another process, and the problem was made with "
             "loads= and has no factor of K"
         )
 
-    def prescribed(self, _load: Floats) -> Floats:
-        return self.load()
+    def prescribed(self, _load: Floats) -> NoReturn:
+        self.load()
 
-    def stiffness(self, _load: Floats) -> CsrMatrix:
-        raise NotImplementedError("`load` is asked for first")
+    def stiffness(self, _load: Floats) -> NoReturn:
+        self.load()
 
 
 class _Model(Protocol[L, G]):
