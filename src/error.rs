@@ -54,6 +54,33 @@ pub enum Error {
     /// A friction coefficient that is negative, not a number or too large.
     #[error("mu of contact {node} is {mu:?}, expected zero or positive, at most {largest:e}")]
     Friction { node: usize, mu: f64, largest: f64 },
+    /// A cohesion that is negative, not a number or too large.
+    #[error(
+        "cohesion of contact {node} is {cohesion:?}, expected zero or positive, at most {largest:e}"
+    )]
+    Cohesion {
+        node: usize,
+        cohesion: f64,
+        largest: f64,
+    },
+    /// A dilatancy that is negative, not a number or larger than the friction coefficient.
+    #[error("dilatancy of contact {node} is {dilatancy:?}, expected zero to mu, which is {mu:?}")]
+    Dilatancy {
+        node: usize,
+        dilatancy: f64,
+        mu: f64,
+    },
+    /// A law with a number that a method or a function does not take.
+    #[error(
+        "{what} does not solve contacts with {argument}, which is {value:?} at contact {node}: \
+         set it to zero"
+    )]
+    NotCoulomb {
+        what: &'static str,
+        argument: &'static str,
+        node: usize,
+        value: f64,
+    },
     /// Two friction coefficients of a contact that differ by too large a factor.
     #[error(
         "mu of contact {node} is ({}, {}), expected two positive numbers within a factor \

@@ -6,25 +6,37 @@ use crate::error::Error;
 /// `(1 + μ₁²)(1 + μ₂²)`, stay in the range of doubles with eight decades to spare.
 pub const LARGEST_FRICTION: f64 = 1e75;
 
-/// The numbers of the law (8) of one contact. They are checked once, by [`check`].
+/// The largest cohesion, in the units of the caller: that of `q` and `W` leaves as much room.
+pub const LARGEST_COHESION: f64 = 1e150;
+
+/// The numbers of the law of one contact, `‖r_t‖ ≤ c + μ r_n` and `v_n ≥ β‖v_t‖`: Coulomb's (8)
+/// for c = β = 0. They are checked once, by [`check`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactLaw {
-    /// Friction coefficient.
+    /// Friction coefficient μ.
     pub mu: f64,
+    /// Cohesion c, a force: the friction without pressure.
+    pub cohesion: f64,
+    /// Dilatancy β, from 0 to μ: the opening by a unit of slip.
+    pub dilatancy: f64,
 }
 
 impl ContactLaw {
     /// Coulomb's law of each contact.
     #[must_use]
     pub fn coulomb(mu: &[f64]) -> Vec<Self> {
-        mu.iter().map(|&mu| Self { mu }).collect()
+        let law = |&mu| Self {
+            mu,
+            ..Self::default()
+        };
+        mu.iter().map(law).collect()
     }
 }
 
 /// Checks the laws of so many contacts.
 ///
 /// # Errors
-/// [`Error::Shape`] and [`Error::Friction`].
+/// [`Error::Shape`], [`Error::Friction`], [`Error::Cohesion`] and [`Error::Dilatancy`].
 pub fn check(laws: &[ContactLaw], contacts: usize) -> Result<(), Error> {
     if laws.len() != contacts {
         return Err(Error::Shape {
@@ -33,8 +45,52 @@ pub fn check(laws: &[ContactLaw], contacts: usize) -> Result<(), Error> {
             found: laws.len(),
         });
     }
-    let mut numbered = laws.iter().enumerate();
-    numbered.try_for_each(|(node, law)| check_friction(node, law.mu))
+    laws.iter().enumerate().try_for_each(|(node, law)| {
+        check_friction(node, law.mu)?;
+        let ContactLaw {
+            mu,
+            cohesion,
+            dilatancy,
+        } = *law;
+        if !(0.0..=LARGEST_COHESION).contains(&cohesion) {
+            let largest = LARGEST_COHESION;
+            return Err(Error::Cohesion {
+                node,
+                cohesion,
+                largest,
+            });
+        }
+        if !(0.0..=mu).contains(&dilatancy) {
+            return Err(Error::Dilatancy {
+                node,
+                dilatancy,
+                mu,
+            });
+        }
+        Ok(())
+    })
+}
+
+/// Refuses laws other than Coulomb's, for what solves no others.
+///
+/// # Errors
+/// [`Error::NotCoulomb`] with the first contact that has another law.
+pub fn require_coulomb(laws: &[ContactLaw], what: &'static str) -> Result<(), Error> {
+    laws.iter().enumerate().try_for_each(|(node, law)| {
+        let (argument, value) = if law.cohesion != 0.0 {
+            ("cohesion", law.cohesion)
+        } else if law.dilatancy != 0.0 {
+            ("dilatancy", law.dilatancy)
+        } else {
+            return Ok(());
+        };
+        Err(Error::NotCoulomb {
+            what,
+            argument,
+            node,
+            value,
+        })
+    })
 }
 
 /// Checks a friction coefficient of a contact.

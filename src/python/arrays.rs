@@ -3,7 +3,7 @@
 
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::law::contact_law::ContactLaw;
+use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::pages::zeros;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
@@ -68,6 +68,8 @@ pub(super) enum Coefficients<'py> {
 #[derive(FromPyObject)]
 pub(super) struct LawArrays<'py> {
     mu: Coefficients<'py>,
+    cohesion: Option<Vector<'py>>,
+    dilatancy: Option<Vector<'py>>,
 }
 
 /// The laws of a problem, and the change of variables to them.
@@ -77,7 +79,24 @@ impl LawArrays<'_> {
     /// The laws of the problem that is solved in so many dimensions.
     pub(super) fn read(&self, dimension: usize) -> PyResult<Laws> {
         let (mu, elliptic) = self.mu.friction(dimension)?;
-        Ok((ContactLaw::coulomb(&mu), elliptic))
+        let mut laws = ContactLaw::coulomb(&mu);
+        if let Some(cohesion) = &self.cohesion {
+            let cohesion = cohesion.as_slice()?;
+            length("cohesion", cohesion.len(), laws.len())?;
+            for (law, &cohesion) in laws.iter_mut().zip(cohesion) {
+                law.cohesion = cohesion;
+            }
+        }
+        if let Some(dilatancy) = &self.dilatancy {
+            let dilatancy = dilatancy.as_slice()?;
+            length("dilatancy", dilatancy.len(), laws.len())?;
+            for (law, &dilatancy) in laws.iter_mut().zip(dilatancy) {
+                law.dilatancy = dilatancy;
+            }
+        }
+        contact_law::check(&laws, laws.len())?;
+        contact_law::require_coulomb(&laws, "this program")?;
+        Ok((laws, elliptic))
     }
 }
 

@@ -184,7 +184,7 @@ impl<const D: usize> MotionGroup<D> {
             mu: Vec::new(),
             load: modes.iter().map(|&m| scaling.load[m]).collect(),
         };
-        for (i, &ContactLaw { mu }) in problem.law.iter().enumerate() {
+        for (i, &ContactLaw { mu, .. }) in problem.law.iter().enumerate() {
             let rows = modes.iter().map(|&m| scaling.modes[m][i]);
             let size = rows.clone().flatten().map(|x| x * x).sum::<f64>().sqrt();
             if size > 0.0 {

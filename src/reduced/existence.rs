@@ -41,7 +41,7 @@ pub fn excludes(work: f64, lack: f64, size: f64) -> bool {
 pub fn is_unresisted<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
     let scaling = &problem.scaling;
     let mut lack = 0.0_f64;
-    for (i, &ContactLaw { mu }) in problem.law.iter().enumerate() {
+    for (i, &ContactLaw { mu, .. }) in problem.law.iter().enumerate() {
         let v: [f64; D] = std::array::from_fn(|k| {
             let mut sum = Sum::default();
             for (mode, &amount) in problem.rigid.modes.iter().zip(a) {

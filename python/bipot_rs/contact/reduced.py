@@ -64,6 +64,11 @@ class ReducedProblem:
     rigid
         ``(R (d n_c, k), e (k,))`` for bodies held by contact alone:
         ``v = W r + R a + q`` with ``Rᵀ r + e = 0``.
+    cohesion
+        Cohesion ``c``, a force, a number or ``(n_c,)``: ``|r_t| <= c + mu r_n``. A contact
+        keeps it when it opens.
+    dilatancy
+        Dilatancy ``beta``, a number or ``(n_c,)``, from zero to ``mu``: ``v_n >= beta |v_t|``.
 
     Raises
     ------
@@ -96,6 +101,8 @@ class ReducedProblem:
         mu: ArrayLike,
         *,
         rigid: tuple[ArrayLike, ArrayLike] | None = None,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
     ) -> None:
         free = vectors("q", q)
         contacts, d = free.shape
@@ -118,12 +125,19 @@ class ReducedProblem:
         # As it was given.
         self.W: Any = W
         self.q = free
-        self.law = ContactLaw.check(contacts, d, mu=mu)
+        self.law = ContactLaw.check(
+            contacts, d, mu=mu, cohesion=cohesion, dilatancy=dilatancy
+        )
         self.rigid = None if rigid is None else (modes.T, force)
         self._core = _core.Reduced(parts, free, self.law, modes, force)
 
     def __reduce__(self) -> tuple[object, ...]:
-        again = partial(ReducedProblem, rigid=self.rigid)
+        again = partial(
+            ReducedProblem,
+            rigid=self.rigid,
+            cohesion=self.law.cohesion,
+            dilatancy=self.law.dilatancy,
+        )
         return again, (self.W, self.q, self.mu)
 
     def __repr__(self) -> str:
@@ -154,6 +168,16 @@ class ReducedProblem:
     def mu(self) -> Floats:
         """Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``."""
         return self.law.mu
+
+    @property
+    def cohesion(self) -> Floats | None:
+        """Cohesion, ``(n_c,)``; ``None`` if it is zero at all contacts."""
+        return self.law.cohesion
+
+    @property
+    def dilatancy(self) -> Floats | None:
+        """Dilatancy, ``(n_c,)``; ``None`` if it is zero at all contacts."""
+        return self.law.dilatancy
 
     @property
     def asymmetry(self) -> float:

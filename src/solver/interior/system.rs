@@ -64,7 +64,7 @@ impl<'p, const D: usize> System<'p, D> {
         if !(0..n).all(|i| (0..D).all(|k| movable(problem, i, k))) {
             return Ok(None);
         }
-        let stretch = problem.law.iter().map(|&ContactLaw { mu }| {
+        let stretch = problem.law.iter().map(|&ContactLaw { mu, .. }| {
             let mut diagonal = Vector::repeat(f64::from(u8::from(mu > 0.0)));
             diagonal[0] = if mu > 0.0 { 1.0 / mu } else { 1.0 };
             diagonal
@@ -96,7 +96,8 @@ impl<'p, const D: usize> System<'p, D> {
 
     pub(super) fn evaluate_missed(&self, s: &[Vector<D>], v: &[[f64; D]]) -> Vec<Vector<D>> {
         let mut missed = self.displacement(v);
-        for ((value, s), &ContactLaw { mu }) in missed.iter_mut().zip(s).zip(&self.problem.law) {
+        for ((value, s), &ContactLaw { mu, .. }) in missed.iter_mut().zip(s).zip(&self.problem.law)
+        {
             *value = s - *value;
             if mu > 0.0 {
                 value[0] -= self.height(s);

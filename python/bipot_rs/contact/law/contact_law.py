@@ -4,28 +4,44 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import RATIO, friction
+from bipot_rs._lib.validation import RATIO, by_contact, friction
 
 
 @dataclass(frozen=True, eq=False)
 class ContactLaw:
-    """The numbers of the law (8) of each contact, checked.
+    """The numbers of the law of each contact, ``|r_t| <= c + mu r_n``, ``v_n >= beta |v_t|``.
 
-    The core reads the attributes by their names (`LawArrays` in ``src/python/arrays.rs``).
+    Coulomb's law (8) has no cohesion ``c`` and no dilatancy ``beta``. The core reads the
+    attributes by their names (`LawArrays` in ``src/python/arrays.rs``) and checks each number.
 
     Attributes
     ----------
     mu : (n_c,) or (n_c, 2)
         Friction coefficients.
+    cohesion : (n_c,)
+        Cohesion, a force, zero or positive; ``None`` if it is zero at all contacts.
+    dilatancy : (n_c,)
+        Dilatancy, from zero to ``mu``; ``None`` if it is zero at all contacts.
     """
 
     mu: Floats
+    cohesion: Floats | None = None
+    dilatancy: Floats | None = None
 
     @classmethod
-    def check(cls, contacts: int, d: int, *, mu: ArrayLike) -> ContactLaw:
+    def check(
+        cls,
+        contacts: int,
+        d: int,
+        *,
+        mu: ArrayLike,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
+    ) -> ContactLaw:
         """Check the arguments of a problem that are about its law.
 
         Raises
@@ -33,8 +49,34 @@ class ContactLaw:
         TypeError, ValueError
             An argument is wrong; the message names it.
         """
-        return cls(friction(mu, contacts, d, ratio=RATIO))
+        law = cls(
+            friction(mu, contacts, d, ratio=RATIO),
+            _check_number("cohesion", cohesion, contacts),
+            _check_number("dilatancy", dilatancy, contacts),
+        )
+        for what in ("cohesion", "dilatancy"):
+            values = getattr(law, what)
+            if law.mu.ndim == 2 and values is not None:
+                at = int(np.flatnonzero(values)[0])
+                raise ValueError(
+                    f"mu has two coefficients of each contact and {what} of contact {at} is "
+                    f"{values[at]}: give one coefficient of each contact, or no {what}"
+                )
+        return law
 
     def arrays(self) -> dict[str, Floats]:
         """Arrays by the names of `Result.contacts`, for files and for comparison."""
-        return {"mu": self.mu}
+        numbers = {
+            "mu": self.mu,
+            "cohesion": self.cohesion,
+            "dilatancy": self.dilatancy,
+        }
+        return {name: value for name, value in numbers.items() if value is not None}
+
+
+def _check_number(what: str, value: ArrayLike | None, contacts: int) -> Floats | None:
+    """One number of each contact, or ``None`` if all are zero."""
+    if value is None:
+        return None
+    numbers = by_contact(what, value, contacts)
+    return numbers if numbers.any() else None

@@ -225,6 +225,11 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
     (project, "mu", -0.1, VALUE, r"-0\.1"),
     *((call, "mu", [0.3, 1.1e75], VALUE, r"contact 1 is 1\.1e\+75, expected at most 1e\+75: prod")
       for call in (problem, reduced, whole, project)),
+    (reduced, "cohesion", [0.1, -0.5], VALUE, r"contact 1 is -0\.5, expected zero or pos"),
+    (reduced, "cohesion", 1.1e150, VALUE, r"contact 0 is 1\.1e\+?150.*at most 1e150"),
+    (reduced, "cohesion", [0.1] * 3, VALUE, "3.*2"),
+    (reduced, "dilatancy", [0.0, -0.5], VALUE, r"contact 1 is -0\.5, expected zero to mu"),
+    (reduced, "dilatancy", [0.0, 0.6], VALUE, r"contact 1 is 0\.6, expected zero to mu"),
     (problem, "area", [1.0, 0.0], VALUE, r"\b1\b.*positive"),
     (problem, "area", [-2.0, 1.0], VALUE, r"\b0\b.*-2.*positive"),
     (problem, "num_threads", 0, VALUE, r"\b0\b"),
@@ -299,6 +304,8 @@ ARRAYS: dict[tuple[Call, str], Callable[[Good], Array]] = {
     (reduced, "W"): lambda g: g.W,
     (reduced, "q"): lambda g: g.q,
     (reduced, "mu"): lambda g: g.mu,
+    (reduced, "cohesion"): lambda g: 0 * g.mu,
+    (reduced, "dilatancy"): lambda g: 0 * g.mu,
     (residual, "r"): lambda g: g.q,
     (reduced_solve, "start"): lambda g: g.q,
     (whole, "M"): lambda g: g.K,
@@ -397,6 +404,17 @@ NO_SCALARS = (
 def test_a_spoiled_scalar(call: Call, argument: str) -> None:
     for value in NO_SCALARS:
         refused(call, argument, value, EITHER, "")
+
+
+@pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
+def test_cohesion_or_dilatancy_with_two_coefficients(what: str) -> None:
+    g = good(3, 2)
+    two = np.array([[0.3, 0.2], [0.3, 0.3]])
+    assert reduced(g, mu=two, **{what: np.zeros(2)}).mu.shape == (2, 2)
+    with pytest.raises(
+        ValueError, match=rf"^mu has two coeff.* {what} of contact 1 is"
+    ):
+        reduced(g, mu=two, **{what: [0.0, 0.1]})
 
 
 @pytest.mark.parametrize("form", ["csr", "csc", "bsr", "coo"])
