@@ -6,6 +6,7 @@ import pytest
 
 import cases.exact
 import cases.hard
+import cases.manufactured
 import cases.plane
 import cases.published
 import cases.space
@@ -14,11 +15,12 @@ from cases.verification import PAGE, Row
 
 # Cases run once for their own test and for the page, in one worker.
 pytestmark = pytest.mark.xdist_group("verification")
-for module in (cases.exact, cases.published, cases.hard, cases.plane, cases.space):
+MODULES = (cases.exact, cases.published, cases.hard, cases.plane, cases.space)
+for module in (*MODULES, cases.manufactured):
     module.CASES.update({name: cache(case) for name, case in module.CASES.items()})
 
 NUMBERS = cases.exact.CASES | cases.published.CASES | cases.hard.CASES
-REFINED = cases.plane.CASES | cases.space.CASES
+REFINED = cases.plane.CASES | cases.space.CASES | cases.manufactured.CASES
 
 
 @cache
