@@ -54,6 +54,7 @@ __all__ = [
     "most_loose_bodies",
     "project",
     "resisting_rows",
+    "respond_points",
     "return_heap",
     "rigid_motions",
     "stiffness",
@@ -119,6 +120,14 @@ def project(
     tau: _Floats, mu: _Floats, base: _Floats | None = None
 ) -> tuple[_Floats, NDArray[np.int8]]:
     """Projects every row of `tau` onto its cone, or increment set when `base` is given."""
+
+def respond_points(tau: _Floats, points: _Floats) -> tuple[_Floats, _Floats, _Floats]:
+    """Stress ``(m, d)``, flow ``(m, d)`` and derivative ``(m, d * d)`` of plastic points.
+
+    ``tau (m, d)``, d = 2, 3, 4 or 6, are their stresses without flow. A row of ``points
+    (m, 7)`` has the springs ρ_n and ρ_t; μ, the cohesion c and the dilatancy β; and H with
+    the slip before: the limit of friction is ``c + μ r_n + H (‖v_t‖ - before)``.
+    """
 
 def isotropic(mu: _Floats, d: int) -> tuple[_Floats, _Floats]:
     """Factors ``(n_c, d)`` of components in which the law is Coulomb's, and its ``mu``.

@@ -8,5 +8,6 @@ pub mod elliptic;
 pub mod face;
 pub mod frozen;
 pub mod one_node;
+pub mod plastic_point;
 pub mod second_order;
 mod sliding;

@@ -15,6 +15,9 @@ pub fn tangential_norm<const D: usize>(a: &[f64; D]) -> f64 {
     if D == 2 {
         return a[1].abs();
     }
+    if D > 3 {
+        return norm(&a[1..]);
+    }
     let squares = a[1] * a[1] + a[2] * a[2];
     if squares > LEAST && squares < MOST {
         squares.sqrt() // hypot takes several times as long

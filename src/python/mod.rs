@@ -20,6 +20,7 @@ mod heap;
 mod interrupt;
 mod linearised_laws;
 mod load_path;
+mod plastic_points;
 mod primal;
 mod primal_tangent;
 mod problem;
@@ -56,6 +57,8 @@ mod _core {
     use super::linearised_laws::PyLinearisedLaws;
     #[pymodule_export]
     use super::load_path::{PyPath, follow};
+    #[pymodule_export]
+    use super::plastic_points::respond_points;
     #[pymodule_export]
     use super::primal::{PyPrimal, PyPrimalPath};
     #[pymodule_export]
