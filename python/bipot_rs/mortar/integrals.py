@@ -51,7 +51,6 @@ import numpy as np
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.mortar.box_tree import BoxTree
 from bipot_rs.mortar.clipping import clip, triangle_rule, triangles
 from bipot_rs.mortar.facet_mesh import FacetMesh, candidates
 from bipot_rs.mortar.polygon_integrals import polygon_integrals
@@ -62,7 +61,7 @@ from bipot_rs.mortar.shape_functions import (
     reference,
     skewness,
 )
-from bipot_rs.mortar.tuning import FEW_INTERSECTIONS, JOINED, POINTS_AT_ONCE, SWING
+from bipot_rs.mortar.tuning import JOINED, POINTS_AT_ONCE, SWING
 
 Places = Callable[[Floats], object]
 
@@ -231,27 +230,27 @@ def _one_layer(
 def _side_by_side(s: Ints, theirs: Floats) -> Iterator[tuple[Ints, Ints]]:
     """Pairs ``(one, other)``, other < one, of intersections with the same slave facet.
 
-    Only pairs with overlapping boxes. For a facet with few intersections all pairs are
-    compared, for one with many a tree finds them.
+    Only pairs with overlapping boxes. The boxes of a slave facet are sorted along one axis:
+    each is compared with those that begin before its end.
     """
+    if not len(s):
+        return
     low, high = theirs.min(axis=1), theirs.max(axis=1)
-    first = np.searchsorted(s, s)
-    count = np.searchsorted(s, s, side="right") - first
-    place = np.arange(len(s)) - first
-    few = count <= FEW_INTERSECTIONS
-    for step in range(1, int(place[few].max(initial=0)) + 1):
-        first_box: Ints = np.flatnonzero(few & (place >= step))
-        other = first_box - step
-        over = ((high[first_box] > low[other]) & (high[other] > low[first_box])).all(
-            axis=1
-        )
-        yield first_box[over], other[over]
-    many = np.flatnonzero(~few)
-    if many.size:
-        boxes = low[many], high[many], s[many]
-        for first_box, other in BoxTree(*boxes).overlapping(*boxes):
-            later = first_box > other
-            yield many[first_box[later]], many[other[later]]
+    # The axis along which the fewest boxes overlap.
+    axis = int(np.argmax(np.ptp(low, axis=0) / (high - low).sum(axis=0)))
+    start, end = low[:, axis], high[:, axis]
+    order = np.lexsort([start, s])
+    place = np.arange(len(order))
+    for step in range(1, len(order)):
+        place = place[place + step < len(order)]
+        first_box, other = order[place], order[place + step]
+        near = (s[first_box] == s[other]) & (start[other] < end[first_box])
+        place, first_box, other = place[near], first_box[near], other[near]
+        if not place.size:
+            return
+        over = (high[first_box] > low[other]) & (high[other] > low[first_box])
+        first_box, other = first_box[over.all(axis=1)], other[over.all(axis=1)]
+        yield np.maximum(first_box, other), np.minimum(first_box, other)
 
 
 def whole(slave: FacetMesh) -> Overlaps:

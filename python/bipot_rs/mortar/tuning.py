@@ -10,9 +10,6 @@ JOINED = 0.05
 # Mean square of dual functions above which they are not used on a facet. Half and twice:
 # other facets at the rim take the functions N themselves, with the same patch test.
 SWING = 10.0
-# Up to this number of intersections of a facet, all their pairs are compared instead of
-# searching a tree. Half and twice: some per cent of the time; the same result.
-FEW_INTERSECTIONS = 128
 # Number of Gauss points at a time; bounds the memory. Half and twice: half and twice the
 # memory; the same bits.
 POINTS_AT_ONCE = 2**18

@@ -1,16 +1,77 @@
-"""A tree of facets in cylinders, which enclose nearly flat groups closer than boxes."""
+"""A tree of facets in cylinders, which enclose nearly flat groups closer than boxes.
+
+A node has eight children, which follow each other along Morton's curve.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats, Ints
-from bipot_rs.mortar.box_tree import along_curve, descend, starts
 
 # Relative rounding error of a bound, from some ten operations.
 _ROUNDING = 1e-12
+# Children of a node, and pairs compared at once: some ten megabytes.
+WIDTH, AT_ONCE = 8, 2**17
+
+
+def _sort_along_curve(places: Floats) -> Ints:
+    """Order of points ``(n, d)`` along Morton's curve, where neighbours are close."""
+    low = places.min(axis=0)
+    wide = float(np.ptp(places, axis=0).max())
+    bits = 60 // places.shape[1]
+    cell = (places - low) * ((2**bits - 1) / wide if wide > 0 else 0.0)
+    code = np.zeros(len(places), np.int64)
+    for k, column in enumerate(cell.astype(np.int64).T):
+        for bit in range(bits):
+            code |= ((column >> bit) & 1) << (bit * places.shape[1] + k)
+    return np.argsort(code, kind="stable")
+
+
+def _children(node: Ints, count: int) -> tuple[Ints, Ints]:
+    """Children of nodes in a level of ``count`` nodes, and the index of their parent."""
+    parent = np.repeat(np.arange(len(node)), WIDTH)
+    child = (node[:, None] * WIDTH + np.arange(WIDTH)).ravel()
+    there = child < count
+    return parent[there], child[there]
+
+
+def _descend(
+    sizes: list[int], queries: int, near: Callable[[int, Ints, Ints], Bools]
+) -> Iterator[tuple[Ints, Ints]]:
+    """Pairs of a query and a leaf that are near each other, in portions.
+
+    Memory does not grow with the number of pairs: portions are completed depth first.
+
+    Parameters
+    ----------
+    sizes
+        Number of nodes of each level, from the leaves to the root.
+    queries
+        Number of queries.
+    near
+        Function of a level, queries and nodes ``(p,)``: whether each pair may be near.
+    """
+    work: list[tuple[int, Ints, Ints]] = []
+    work.append((len(sizes) - 1, np.arange(queries), np.zeros(queries, np.int64)))
+    while work:
+        level, query, node = work.pop()
+        if len(query) > AT_ONCE:
+            half = len(query) // 2
+            work.append((level, query[half:], node[half:]))
+            work.append((level, query[:half], node[:half]))
+            continue
+        met = near(level, query, node)
+        query, node = query[met], node[met]
+        if not query.size:
+            continue
+        if level == 0:
+            yield query, node
+        else:
+            parent, child = _children(node, sizes[level - 1])
+            work.append((level - 1, query[parent], child))
 
 
 class FacetTree:
@@ -22,14 +83,14 @@ class FacetTree:
     """
 
     def __init__(self, corners: Floats, normals: Floats) -> None:
-        self._order = along_curve(corners.mean(axis=1))
+        self._order = _sort_along_curve(corners.mean(axis=1))
         corners, normals = corners[self._order], normals[self._order]
         self._size = float(np.ptp(corners.reshape(-1, corners.shape[2]), axis=0).max())
         # From the facets to the root: centre, axis, radius, half height of each node.
         self._levels = [_cylinders(corners, normals, np.arange(len(corners)))]
         first = np.arange(len(corners))
         while len(first) > 1:
-            first = first[starts(len(first))]
+            first = first[::WIDTH]
             self._levels.append(_cylinders(corners, normals, first))
 
     def nearer(self, x: Floats, best: Floats) -> Iterator[tuple[Ints, Ints]]:
@@ -47,7 +108,7 @@ class FacetTree:
             return within(_bounds(x[point], self._levels[level][node]), point)
 
         sizes = [len(level) for level in self._levels]
-        for point, node in descend(sizes, len(x), near):
+        for point, node in _descend(sizes, len(x), near):
             least = _bounds(x[point], self._levels[0][node])
             # The facet with the least bound first: it excludes most others.
             order = np.lexsort([least, point])

@@ -9,6 +9,7 @@ import skfem
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from bipot_rs.mortar import integrals
 from support.sheets import line, rotation, second_order, sheet
 
 Array = NDArray[np.float64]
@@ -453,21 +454,13 @@ def test_a_coarse_facet_on_a_fine_mesh(
     nodes: int, turned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Facets of the master are compared with their neighbours, not with all."""
-    from bipot_rs.mortar import box_tree, integrals
-
-    boxes: list[int] = []
     clipped: list[int] = []
-    overlap, clip = box_tree._overlap, integrals.clip
-
-    def counted_boxes(low: Array, *others: Array) -> Array:
-        boxes.append(len(low))
-        return overlap(low, *others)
+    clip = integrals.clip
 
     def counted_clip(subject: Array, by: Array) -> Array:
         clipped.append(len(subject))
         return clip(subject, by)
 
-    monkeypatch.setattr(box_tree, "_overlap", counted_boxes)
     monkeypatch.setattr(integrals, "clip", counted_clip)
     for n in (20, 40):
         if nodes == 0:
@@ -478,7 +471,6 @@ def test_a_coarse_facet_on_a_fine_mesh(
         if turned:
             Q = rotation(n, slave[0].shape[1])
             slave, master = ((x @ Q.T, f) for x, f in (slave, master))
-        boxes.clear()
         clipped.clear()
         pairs = bp.pairs(*slave, *master)
         np.testing.assert_allclose(pairs.slave.sum(axis=1), 1, rtol=1e-13)
@@ -486,7 +478,27 @@ def test_a_coarse_facet_on_a_fine_mesh(
         # One comparison with the slave, and eight with neighbours, four of which share an edge;
         # for triangles twelve, three of which share one.
         assert sum(clipped) <= 14 * facets
-        assert sum(boxes) <= 600 * facets
+
+
+@pytest.mark.parametrize("d", [1, 2])
+def test_boxes_side_by_side_are_those_of_comparing_all(d: int) -> None:
+    """Boxes of many sizes, with duplicates, of one or many slave facets; each pair once."""
+    rng, met = np.random.default_rng(5), 0
+    for _ in range(100):
+        count = int(rng.integers(0, 300))
+        middle = rng.normal(size=(count, d)) * 10 ** rng.uniform(-3, 3)
+        wide = np.abs(middle).max(initial=0.0) * 10 ** rng.uniform(-4, 0, (count, d))
+        again = rng.integers(0, count, count) if rng.random() < 0.5 else slice(None)
+        corners = np.stack([middle - wide, middle + wide], axis=1)[again]
+        s = np.sort(rng.integers(0, rng.choice([1, 5, 100]), count))
+        low, high = corners[:, 0], corners[:, 1]
+        over = ((high[:, None] > low) & (high > low[:, None])).all(axis=2)
+        expected = np.argwhere(np.tril(over & (s[:, None] == s), -1)).tolist()
+        portions = [np.zeros((0, 2), int)]
+        portions += map(np.column_stack, integrals._side_by_side(s, corners))
+        assert sorted(np.concatenate(portions).tolist()) == expected
+        met += len(expected)
+    assert met > 10_000
 
 
 @pytest.mark.slow

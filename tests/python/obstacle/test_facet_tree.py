@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from bipot_rs import obstacle as ob
-from bipot_rs.mortar import box_tree
 from bipot_rs.obstacle import facet_tree, triangulated
 from support.spheres import icosphere
 
@@ -102,10 +101,10 @@ def compare(seed: int, count: int) -> None:
         assert (np.abs(distance - expected) <= 1e-15 * size).all()
 
 
-@pytest.mark.parametrize("at_once", [5, box_tree.AT_ONCE])
+@pytest.mark.parametrize("at_once", [5, facet_tree.AT_ONCE])
 @pytest.mark.slow_variants("5")
 def test_the_nearest_of_all(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(box_tree, "AT_ONCE", at_once)
+    monkeypatch.setattr(facet_tree, "AT_ONCE", at_once)
     compare(1, 8 if at_once == 5 else 60)
 
 
@@ -137,7 +136,7 @@ def test_near_the_centre_of_a_sphere(off: float, nodes: int, work: Work) -> None
     # separate distances that differ by `off`, then those in the direction of the point.
     assert sum(work.nodes) <= 20 * nodes
     assert sum(work.facets) <= 20 * 6
-    assert max(work.nodes) <= box_tree.AT_ONCE
+    assert max(work.nodes) <= facet_tree.AT_ONCE
 
 
 @pytest.mark.slow
@@ -149,6 +148,6 @@ def test_at_the_centre_memory_stays_bounded(work: Work) -> None:
     work.facets.clear()
     closest = sphere.closest(np.zeros((10, 3)))
     assert np.ptp(closest.distance) == 0
-    assert max(work.nodes) <= box_tree.AT_ONCE
+    assert max(work.nodes) <= facet_tree.AT_ONCE
     assert sum(work.nodes) <= 1.2 * 10 * len(facets)
     assert sum(work.facets) <= 10 * 50
