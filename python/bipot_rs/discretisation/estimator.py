@@ -40,6 +40,7 @@ from bipot_rs.discretisation.simplices import (
 )
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.materials import Material
+from bipot_rs.fem.checks.free_bodies import find_free, list_motions
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane
 from bipot_rs.scene.case import Case
@@ -522,7 +523,9 @@ class _Elastic:
 
     def __init__(self, model: Assembly) -> None:
         self.model = model
-        self.motions = _free_motions(model)
+        # Motions of single bodies that supports leave free, ``(n, k)``.
+        modes, _ = list_motions(model)
+        self.motions = modes @ find_free(modes[model.fixed])
         pins: Ints = np.zeros(0, np.int64)
         if self.motions.shape[1]:
             # Balanced forces cause no reaction at pins. Choose the pins that determine the
@@ -560,34 +563,6 @@ class _Elastic:
         )
         displacement: Floats = self.problem.solve(load, values).displacement[-1]
         return displacement
-
-
-def _free_motions(model: Assembly) -> Floats:
-    """Rigid motions of single bodies that their supports leave free, ``(n, k)``."""
-    free_motions = []
-    ends = np.append(model.offset, model.n)
-    fixed = np.zeros(model.n, dtype=np.bool_)
-    fixed[model.fixed] = True
-    for b, body in enumerate(model.bodies):
-        x = body.points - body.points.mean(axis=0)
-        x /= np.abs(x).max()
-        motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(model.dim)]
-        for i, j in combinations(range(model.dim), 2):
-            spin = np.zeros_like(x)
-            spin[:, i], spin[:, j] = -x[:, j], x[:, i]
-            motions.append(spin)
-        span = np.stack([m.ravel() for m in motions], axis=1)
-        # Motions have size 1; a supported one differs from zero by much more than 1e-9.
-        null = linalg.null_space(
-            np.vstack(
-                [span[fixed[ends[b] : ends[b + 1]]], np.zeros((1, span.shape[1]))]
-            ),
-            rcond=1e-9,
-        )
-        wide = np.zeros((model.n, null.shape[1]))
-        wide[ends[b] : ends[b + 1]] = span @ null
-        free_motions.append(wide)
-    return np.hstack(free_motions)
 
 
 def _number(step: int, steps: int) -> int:

@@ -13,7 +13,7 @@ from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.wear.record import Wear
 from bipot_rs.plots import style
 from bipot_rs.plots.data import ContactsArgument, look, steps_of
-from bipot_rs.plots.geometry.arc_length import common
+from bipot_rs.plots.line import lines_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,17 +63,14 @@ def wear(
         values = seen.traction[:, 0] if quantity == "pressure" else seen.wear
         values = np.asarray(values, np.float64)
         largest = max(largest, float(values.max(initial=0.0)))
-        names, parts = zip(*seen.surfaces, strict=True)
-        lines = common(seen.x, parts, along)
-        for name, line in zip(names, lines, strict=True):
-            label = f"cycle {path[k].cycle}" + (f", {name}" if len(names) > 1 else "")
+        lines, axis = lines_of(seen, along)
+        for name, line in lines:
+            label = f"cycle {path[k].cycle}" + (f", {name}" if len(lines) > 1 else "")
             joined: style.LineStyle = {"lw": 1.6}
             if not line.once or len(line.s) == 1:
                 joined = {"ls": "none", "marker": "o", "ms": 2}
             colour = _colour(number, len(chosen))
             ax.plot(line.s, values[line.order], color=colour, label=label, **joined)
-    told = {line.name for line in lines}
-    axis = told.pop() if len(told) == 1 else "arc length along each surface"
     style.name_axis(ax.xaxis, axis, seen.units.get("length"))
     if quantity == "depth":
         ax.set_ylim(1.05 * largest or 1.0, 0.0)
