@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -68,6 +67,8 @@ class Surface:
     def __init__(
         self, points: ArrayLike, facets: ArrayLike, *, flipped: bool = False
     ) -> None:
+        from scipy.spatial import cKDTree
+
         x = vectors("points of the surface", points, rows="m")
         d = x.shape[1]
         corners = integers("facets of the surface", facets)
@@ -87,8 +88,8 @@ class Surface:
         self._normal = _normals(x[self._corners])
         self._size = float(np.ptp(x[np.unique(corners)], axis=0).max())
         self._neighbours()
-        self._levels = _levels(x[self._corners])
         self._tree = FacetTree(x[self._corners], self._normal)
+        self._centres = cKDTree(x[self._corners].mean(axis=1))
 
     @classmethod
     def from_file(
@@ -206,22 +207,11 @@ class Surface:
     def _touching(self, places: Floats) -> tuple[Ints, Ints]:
         """Pairs of a point and a facet that it lies on, ascending by point."""
         slack = _RIM * self._size
-        point, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        for members, tree, reach in self._levels if len(places) else []:
-            facets_near = tree.query_ball_point(places, reach + slack)
-            point.append(
-                np.repeat(
-                    np.arange(len(places)), [len(numbers) for numbers in facets_near]
-                )
-            )
-            near = np.concatenate(
-                [np.array(numbers, np.int64) for numbers in facets_near]
-            )
-            facet.append(members[near])
-        p, f = np.concatenate(point), np.concatenate(facet)
+        pairs = list(self._tree.nearer(places, np.full(len(places), slack)))
+        p, f = np.concatenate([np.zeros((2, 0), np.int64), *pairs], axis=1)
         foot, _ = _closest_on(places[p], self._x[self._corners[f]])
         on = length(foot - places[p]) <= slack
-        order = np.argsort(p[on], kind="stable")
+        order = np.lexsort([f[on], p[on]])
         return p[on][order], f[on][order]
 
     def _sign_distances(
@@ -276,10 +266,9 @@ class Surface:
             foot[to], facet[to], part[to] = y[leads], c[leads], where[leads]
             best[to] = far[leads]
 
-        # The facet with the nearest centre, of each size, gives an upper bound.
-        for members, tree, _ in self._levels:
-            _, nearest = tree.query(x)
-            compare(np.arange(len(x)), members[nearest])
+        # The facet with the nearest centre gives an upper bound.
+        _, nearest = self._centres.query(x)
+        compare(np.arange(len(x)), nearest)
         for point, candidate in self._tree.nearer(x, best):
             if point.size:
                 compare(point, candidate)
@@ -463,30 +452,6 @@ def _once(facets: Ints) -> Ints:
         turned if facets.shape[1] == 3 else facets, axis=0, return_index=True
     )
     return facets[np.sort(kept)]
-
-
-class _Tree(Protocol):
-    """What this module uses of a ``cKDTree`` of SciPy."""
-
-    def query(self, x: Floats) -> tuple[Floats, Ints]: ...
-    def query_ball_point(self, x: Floats, r: float) -> list[list[int]]: ...
-
-
-def _levels(x: Floats) -> list[tuple[Ints, _Tree, float]]:
-    """Facets grouped by size in factors of two: members, tree of centres, largest radius.
-
-    With a single tree, one large facet would make every small facet a candidate.
-    """
-    from scipy.spatial import cKDTree
-
-    middle = x.mean(axis=1)
-    reach = length(x - middle[:, None]).max(axis=1)
-    size = np.floor(np.log2(reach / reach.max())).astype(np.int64)
-    levels = []
-    for level in np.unique(size):
-        members = np.flatnonzero(size == level)
-        levels.append((members, cKDTree(middle[members]), float(reach[members].max())))
-    return levels
 
 
 def _closest_on(x: Floats, corners: Floats) -> tuple[Floats, Ints]:
