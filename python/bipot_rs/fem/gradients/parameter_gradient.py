@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,20 +23,14 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.boundary import Spring
 from bipot_rs.fem.bodies.loads import Load
 from bipot_rs.fem.bodies.materials import Material, elasticity
-from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.bodies.stress_recovery import (
     initial_strain,
     internal_forces,
     slopes_at_points,
 )
-from bipot_rs.fem.constraints.inclined_supports import Planes
-from bipot_rs.fem.constraints.references import Reference
-from bipot_rs.fem.constraints.ties import Ties
-from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.gradients.contact_derivative import (
     Meets,
     of_matching,
@@ -47,39 +41,7 @@ from bipot_rs.fem.gradients.shape_derivative import AreaVectors, stress_of_motio
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.derivatives import Gradient
-
-
-class _Assembled(Protocol):
-    """What is needed of an `Assembly`, whose attributes these are."""
-
-    @property
-    def bodies(self) -> tuple[Body, ...]: ...
-    @property
-    def contacts(self) -> tuple[Contact, ...]: ...
-    @property
-    def springs(self) -> tuple[Spring, ...]: ...
-    @property
-    def numbered(self) -> NumberedBodies: ...
-    @property
-    def contact_dofs(self) -> Ints: ...
-    @property
-    def group(self) -> Ints: ...
-    @property
-    def frame(self) -> Floats: ...
-    @property
-    def points(self) -> Floats: ...
-    @property
-    def nodes(self) -> Floats: ...
-    @property
-    def dim(self) -> int: ...
-    @property
-    def moving(self) -> Floats | MovingGaps | None: ...
-    @property
-    def inclined(self) -> Planes | None: ...
-    @property
-    def references(self) -> Sequence[Reference]: ...
-    @property
-    def ties(self) -> Ties | None: ...
+    from bipot_rs.fem.assembly.assembly import Assembly
 
 
 @dataclass(frozen=True)
@@ -123,7 +85,7 @@ class ParameterGradient:
 
     def __init__(
         self,
-        model: _Assembled,
+        model: Assembly,
         *,
         adjoint: ArrayLike,
         displacement: ArrayLike,
@@ -501,7 +463,7 @@ class ParameterGradient:
 
 
 def of_gradient(
-    model: _Assembled, gradient: Gradient, loads: Sequence[Load] = ()
+    model: Assembly, gradient: Gradient, loads: Sequence[Load] = ()
 ) -> ParameterGradient:
     """The gradient of `Result.vjp` with respect to the parameters of a model.
 
