@@ -5,13 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from bipot_rs._lib.messages import meant
 from bipot_rs.cli import completion
 from bipot_rs.cli.exit_codes import BAD_INPUT, SOLVED, Ended
 from bipot_rs.cli.progress import tell
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import T
 
 
 class Parser(argparse.ArgumentParser):
@@ -77,6 +81,13 @@ class PrintText(argparse.Action):
         """Print the text and end the process."""
         tell(self.text().rstrip(), sys.stdout)
         raise SystemExit(SOLVED)
+
+
+def read_options(kind: type[T], found: argparse.Namespace, **others: object) -> T:
+    """The record ``kind`` of the arguments of a command, with ``others`` besides."""
+    names = {field.name for field in fields(kind)} - others.keys()  # type: ignore[arg-type]
+    given = {name: value for name, value in vars(found).items() if name in names}
+    return kind(**given, **others)
 
 
 def complete_by(argument: argparse.Action, names: completion.Completer) -> None:

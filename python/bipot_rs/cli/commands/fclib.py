@@ -53,7 +53,7 @@ def add_arguments(parser: shared.Parser) -> None:
 
 def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
-    request = FilesOptions(found.files, found.method, found.tol, found.max_seconds)
+    request = shared.read_options(FilesOptions, found)
     return SolveFiles(request, as_json=found.json, interrupts=interrupts).run()
 
 

@@ -68,16 +68,6 @@ def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
     from bipot_rs.cli.run.job import Job, RunOptions
 
-    request = RunOptions(
-        scene=found.scene,
-        settings=found.settings,
-        folder=found.out or Path("out") / Path(found.scene).stem,
-        method=found.method,
-        engine=found.engine,
-        tol=found.tol,
-        plot=found.plot,
-        fclib=found.fclib,
-        resume=found.resume,
-        error=found.error,
-    )
+    folder = found.out or Path("out") / Path(found.scene).stem
+    request = shared.read_options(RunOptions, found, folder=folder)
     return Job(request, as_json=found.json, interrupts=interrupts).run()

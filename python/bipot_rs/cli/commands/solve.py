@@ -79,17 +79,6 @@ def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
     from bipot_rs.cli.solve.job import MatrixOptions, SolveMatrix
 
-    request = MatrixOptions(
-        stiffness=found.stiffness,
-        contacts=found.contacts,
-        nodes=found.nodes,
-        load=found.load,
-        fixed=found.fixed,
-        order=found.order,
-        folder=found.out or Path("out") / found.stiffness.stem,
-        method=found.method,
-        tol=found.tol,
-        stiffness_rtol=found.stiffness_rtol,
-        engine=found.engine,
-    )
+    folder = found.out or Path("out") / found.stiffness.stem
+    request = shared.read_options(MatrixOptions, found, folder=folder)
     return SolveMatrix(request, as_json=found.json, interrupts=interrupts).run()

@@ -74,18 +74,11 @@ def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     from bipot_rs.cli.study.part import part
     from bipot_rs.cli.study.solving import StudyOptions, solve_rows
 
-    request = StudyOptions(
-        scene=found.scene,
-        settings=found.settings,
-        ranges=found.ranges,
+    request = shared.read_options(
+        StudyOptions,
+        found,
         folder=found.out or Path("out") / f"{Path(found.scene).stem}-sweep",
-        method=found.method,
-        tol=found.tol,
         part=None if found.part is None else part(found.part),
-        results=found.results,
-        jobs=found.jobs,
-        scheduler=found.scheduler,
-        resume=found.resume,
         as_json=found.json,
     )
     try:

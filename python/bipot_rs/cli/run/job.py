@@ -348,45 +348,37 @@ class Job(SharedRunner):
 
     def _problem(self, case: Case) -> Any:
         """The problem of the scene, with the engine asked for."""
+        from bipot_rs.cli.run import cost_forecast
+
         if isinstance(self.ranks, World):
             from bipot_rs.petsc.run.distributed import DistributedProblem
 
             if self.ranks.first and not self.as_json:
-                self._announce(case)
+                ranks = cost_forecast.of_ranks(case.model, self.ranks.count)
+                self._announce(case, [ranks])
             self.distributed = DistributedProblem(case, self.ranks)
             return self.distributed
+
+        def on_forecast(counts: Mapping[str, object]) -> None:
+            self._announce(case, cost_forecast.cost(counts))
+            seconds = cost_forecast.seconds(counts, cost_forecast.cores())
+            self.progress.forecast(seconds)
+
         self.problem = case.problem(
-            on_forecast=None if self.as_json else self._forecast,
+            on_forecast=None if self.as_json else on_forecast,
             # The FCLIB file of a step holds W.
             engine="direct" if self.request.fclib else self.request.engine,
         )
         return self.problem
 
-    def _announce(self, case: Case) -> None:
-        """Print the sizes and the engine of a run on several ranks."""
+    def _announce(self, case: Case, cost: Sequence[str]) -> None:
+        """Print the title, the sizes, the expected cost and remarks, before condensing."""
         from bipot_rs.cli.run import cost_forecast
 
-        if self.scene is None:
-            return
-        title = [self.scene.title] if self.scene.title else []
+        title = [self.scene.title] if self.scene and self.scene.title else []
         sizes = cost_forecast.sizes(case.model, len(case.parameter))
-        engine = [cost_forecast.of_ranks(case.model, self.ranks.count)]
         remarks = cost_forecast.list_remarks(case.remarks())
-        self.progress.block("\n".join([*title, *sizes, *engine, *remarks]))
-
-    def _forecast(self, counts: Mapping[str, object]) -> None:
-        """Print the sizes and the expected memory and time, before condensing."""
-        from bipot_rs.cli.run import cost_forecast
-
-        if self.case is None or self.scene is None:
-            return
-        title = [self.scene.title] if self.scene.title else []
-        sizes = cost_forecast.sizes(self.case.model, len(self.case.parameter))
-        cost = cost_forecast.cost(counts)
-        remarks = cost_forecast.list_remarks(self.case.remarks())
         self.progress.block("\n".join([*title, *sizes, *cost, *remarks]))
-        seconds = cost_forecast.seconds(counts, cost_forecast.cores())
-        self.progress.forecast(seconds)
 
     def _row(self, k: int, case: Case, step: Step) -> dict[str, object]:
         """The row of a load step, with its discretisation error if that is asked for."""

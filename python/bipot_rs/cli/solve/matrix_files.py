@@ -30,7 +30,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -45,18 +45,6 @@ from bipot_rs.contact.stiffness import dof_order
 from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import CsvTable
 from bipot_rs.files.result_mesh import ResultMesh
-
-if TYPE_CHECKING:
-
-    class _ContactArrays(TypedDict):
-        B: SparseMatrix
-        gap: Floats
-        mu: Floats
-        area: Floats | None
-        frame: Floats
-        points: Floats | None
-        nodes: Ints | None
-
 
 Name = str | os.PathLike[str]
 
@@ -472,7 +460,8 @@ def _once(
 
 def _contacts(
     table: CsvTable, dim: int, dofs: _Dofs, listed: _Nodes | None
-) -> _ContactArrays:
+) -> dict[str, Any]:
+    """The fields of `MatrixProblem` that a table of contacts gives."""
     axes = _AXES[:dim]
     columns = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
     others = ["other"] if columns == ["node"] else [f"other_{a}" for a in axes]

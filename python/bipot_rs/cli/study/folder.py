@@ -4,70 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bipot_rs.cli.run.output_folder import RESULT, ROWS, SWEEP, SWEEP_RECORD, make
-from bipot_rs.cli.study.part import StudyPart, part
-from bipot_rs.cli.study.plan import Study
+from bipot_rs.cli.study.part import part
+from bipot_rs.cli.study.plan import StudyRecord
 
 if TYPE_CHECKING:
     from bipot_rs._lib.types import Record
 
 _FORMAT, _VERSION = "bipot-sweep", 1
-
-
-@dataclass(frozen=True)
-class StudyRecord:
-    """What a folder holds a study of.
-
-    Attributes
-    ----------
-    scene, settings, ranges, method, tol
-        As on the command line.
-    title, units
-        Those of the scene.
-    study
-        `Study.digest`.
-    count
-        Number of rows of the whole study.
-    part
-        ``"I/N"`` for the folder of a part.
-    rows
-        Row numbers of the part; all rows if there is no part.
-    """
-
-    scene: str
-    settings: list[str]
-    ranges: list[str]
-    method: str | None
-    tol: float | None
-    title: str
-    units: dict[str, str]
-    study: str
-    count: int
-    part: str | None = None
-    rows: list[int] = field(default_factory=list)
-
-
-def record_of(study: Study, mine: StudyPart | None, rows: Sequence[int]) -> StudyRecord:
-    """The record of a study, or of the part ``mine`` with these ``rows``."""
-    return StudyRecord(
-        study.scene,
-        list(study.settings),
-        list(study.ranges),
-        study.method,
-        study.tol,
-        study.title,
-        dict(study.units),
-        study.digest,
-        len(study.rows),
-        None if mine is None else str(mine),
-        [] if mine is None else list(rows),
-    )
 
 
 def write_record(folder: Path, record: StudyRecord) -> None:

@@ -13,7 +13,6 @@ from bipot_rs.cli.progress import complain
 from bipot_rs.cli.run.output_folder import RESULT, SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study import axes
 from bipot_rs.cli.study.folder import (
-    StudyRecord,
     make_folder,
     read_record,
     row_folder,
@@ -21,6 +20,7 @@ from bipot_rs.cli.study.folder import (
     write_record,
 )
 from bipot_rs.cli.study.part import FOLDERS, StudyPart, part
+from bipot_rs.cli.study.plan import StudyRecord
 from bipot_rs.cli.study.report import print_study, summarise_rows
 from bipot_rs.cli.study.table import MISSING, read, write
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import count_noun
@@ -31,13 +30,46 @@ _NO_SIZES: Mapping[str, bool | set[str] | dict[str, set[str]]] = {
 
 
 @dataclass(frozen=True)
-class Study:
-    """One scene with many settings.
+class StudyRecord:
+    """What a study is, as its folder says.
 
     Attributes
     ----------
     scene, settings, ranges, method, tol
         As on the command line.
+    title, units
+        Those of the first row without mistakes.
+    study
+        A digest of all rows: equal for all parts of a study.
+    count
+        Number of rows of the whole study.
+    part
+        ``"I/N"`` for the folder of a part.
+    rows
+        Row numbers of the part; all rows if there is no part.
+    """
+
+    scene: str
+    settings: list[str]
+    ranges: list[str]
+    method: str | None
+    tol: float | None
+    title: str
+    units: dict[str, str]
+    study: str
+    count: int
+    part: str | None = None
+    rows: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Study:
+    """One scene with many settings.
+
+    Attributes
+    ----------
+    record
+        What it is, for its folder.
     rows
         Settings of each row.
     digests
@@ -46,31 +78,18 @@ class Study:
         Bytes of the assembly and number of load steps of each row, to compare rows.
     shapes
         A digest of what determines the memory of a row; empty where the scene has mistakes.
-    title, units
-        Those of the first row without mistakes.
     """
 
-    scene: str
-    settings: tuple[str, ...]
-    ranges: tuple[str, ...]
-    method: str | None
-    tol: float | None
+    record: StudyRecord
     rows: list[dict[str, str]]
     digests: list[str]
     costs: list[tuple[float, int]]
     shapes: list[str]
-    title: str
-    units: Mapping[str, str]
 
     @property
     def keys(self) -> list[str]:
         """The keys that vary."""
         return list(self.rows[0])
-
-    @cached_property
-    def digest(self) -> str:
-        """A digest of all rows: equal for all parts of a study."""
-        return _digest([self.rows, self.digests])
 
 
 def _digest(known: object) -> str:
@@ -134,19 +153,18 @@ def plan(
         shapes.append(_digest(scene_of_row.model_dump(mode="json", exclude=_NO_SIZES)))
     if first is not None and first_scene is None:
         raise first
-    return Study(
+    record = StudyRecord(
         scene,
-        tuple(settings),
-        tuple(ranges),
+        list(settings),
+        list(ranges),
         method,
         tol,
-        rows,
-        digests,
-        costs,
-        shapes,
         title=first_scene.title if first_scene else "",
         units=first_scene.units.model_dump() if first_scene else {},
+        study=_digest([rows, digests]),
+        count=len(rows),
     )
+    return Study(record, rows, digests, costs, shapes)
 
 
 def _refuse_fractions(ranges: Sequence[str], mistakes: Sequence[Mistake]) -> None:

@@ -6,7 +6,7 @@ The table is written after each row, so that an interrupted sweep can continue.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,6 @@ from bipot_rs.cli.run.output_folder import SWEEP
 from bipot_rs.cli.study.folder import (
     has_result,
     make_folder,
-    record_of,
     set_aside,
     write_record,
 )
@@ -95,7 +94,10 @@ def solve_rows(request: StudyOptions) -> int:
         for before in set_aside(folder, done):
             say(f"rows that are not part of this sweep are kept in {before}")
         path = folder / SWEEP
-        write_record(folder, record_of(study, request.part, mine))
+        record = study.record
+        if request.part is not None:
+            record = replace(record, part=str(request.part), rows=mine)
+        write_record(folder, record)
         write(path, study.keys, done)
         if done:
             say(f"{len(done)} of {count_noun(len(mine), 'row')} are already finished")
@@ -115,7 +117,9 @@ def solve_rows(request: StudyOptions) -> int:
     message = summarise_rows(done, folder, request.part)
     if request.part is not None:
         message += f"; bipot sweep --join {request.folder} joins the parts"
-    return print_study(study.scene, study.keys, done, message, as_json=request.as_json)
+    return print_study(
+        request.scene, study.keys, done, message, as_json=request.as_json
+    )
 
 
 def _take_finished_rows(
@@ -147,7 +151,7 @@ def _take_finished_rows(
 
 
 def _row(request: StudyOptions, study: Study, number: int, folder: Path) -> Row:
-    scene = study.scene
+    scene = request.scene
     if request.scheduler is not None and scene not in shipped():
         # Workers run in folders of their own.
         scene = str(Path(scene).absolute())
@@ -155,8 +159,8 @@ def _row(request: StudyOptions, study: Study, number: int, folder: Path) -> Row:
         number,
         scene,
         study.rows[number],
-        study.method,
-        study.tol,
+        request.method,
+        request.tol,
         folder.absolute(),
         request.results,
     )
