@@ -20,6 +20,7 @@ from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
     from bipot_rs import analytic as analytic
+    from bipot_rs import blocks as blocks
     from bipot_rs import discretisation as discretisation
     from bipot_rs import fclib, plots
     from bipot_rs import fem as fem
@@ -127,6 +128,7 @@ __getattr__, __dir__ = lazily(
     },
     {
         "analytic": "bipot_rs.analytic",
+        "blocks": "bipot_rs.blocks",
         "discretisation": "bipot_rs.discretisation",
         "fclib": "bipot_rs.fclib",
         "fem": "bipot_rs.fem",

@@ -469,7 +469,7 @@ class ReducedProblem:
                 direction = (
                     rigid_motions.move_contacts(rigid[0].T, a, self.q.shape[1]) / by
                 )
-                words = rigid_motions.describe_motion(direction, self.mu)
+                words = self._describe_motion(a, direction, self.mu)
                 return Existence(
                     verdict="none",
                     reason="contact cannot carry the loads, and nothing stops this "
@@ -503,6 +503,10 @@ class ReducedProblem:
         a = self.solve(max_iterations=1).free_motion
         return a if a is not None and self._core.is_unresisted(a) else None
 
+    def _describe_motion(self, amounts: Floats, direction: Floats, mu: Floats) -> str:  # noqa: ARG002
+        """Describe ``R a``, whose displacements of the contacts are ``direction``."""
+        return rigid_motions.describe_motion(direction, mu)
+
     def _model(self) -> ReducedModel:
         """The data of this problem, for derivatives."""
         from bipot_rs.contact.sensitivity.reduced import ReducedModel
@@ -533,7 +537,7 @@ class ReducedProblem:
             modes, amounts = self.rigid[0].T, core.free_motion
             direction = rigid_motions.move_contacts(modes, amounts, self.q.shape[1])
             opening = find_opening(core.outcome, self.mu)
-            words = rigid_motions.describe_motion(direction, opening)
+            words = self._describe_motion(amounts, direction, opening)
         tried = FailedSolve(
             method=method,
             max_seconds=max_seconds,

@@ -1,0 +1,163 @@
+"""Readers of blocks: COMPAS JSON, OBJ, STL, and points in JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.blocks.block import Block
+from bipot_rs.blocks.interfaces import Interface, make_interface
+
+
+class BlockFile(NamedTuple):
+    """What a file says of blocks; ``interfaces`` is None if it has none."""
+
+    blocks: list[Block]
+    interfaces: list[Interface] | None
+
+
+def read(path: str | os.PathLike[str], *, density: float = 1.0) -> BlockFile:
+    """Read blocks from a file.
+
+    - ``.json`` of COMPAS: an assembly of blocks, as ``compas.json_dump`` writes it. A block
+      has the name of its mesh, or the key of its node; ``is_support`` and interfaces are
+      read.
+    - ``.json`` with ``{"blocks": [{"name": ..., "points": ..., "faces": ..., "density":
+      ..., "support": ...}]}``; all but name and points may be missing.
+    - ``.obj``: an object or group (``o``, ``g``) is a block.
+    - ``.stl`` and other meshes of triangles and quadrilaterals that meshio reads: each
+      connected surface is a block, ``"0"``, ``"1"``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    density
+        Density of blocks without their own.
+
+    Raises
+    ------
+    OSError, ValueError
+        The file cannot be read or has no blocks, or a block is not closed.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix == ".json":
+        try:
+            data = json.loads(file.read_text(encoding="utf-8-sig"))
+            whole = _read_json(data, density)
+        except (KeyError, TypeError, json.JSONDecodeError) as error:
+            raise ValueError(
+                f"{file} cannot be read as an assembly of blocks: "
+                f"{type(error).__name__}, {error}"
+            ) from None
+    elif suffix == ".obj":
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+        whole = BlockFile(_read_obj(lines, density), None)
+    else:
+        whole = BlockFile(_read_surfaces(file, density), None)
+    if not whole.blocks:
+        raise ValueError(f"{file} has no blocks")
+    return whole
+
+
+def _read_json(data: Mapping[str, Any], density: float) -> BlockFile:
+    if "blocks" in data:
+        return BlockFile(
+            [Block(**{"density": density} | b) for b in data["blocks"]], None
+        )
+    graph = data["data"]["graph"]["data"]
+    nodes = {key: node for key, node in graph["node"].items() if node.get("block")}
+    meshes = {key: node["block"]["data"] for key, node in nodes.items()}
+    titles = [(mesh.get("attributes") or {}).get("name") for mesh in meshes.values()]
+    # Names of meshes that do not tell the blocks apart give way to the keys of the nodes.
+    named = len(set(titles)) == len(titles) and all(titles)
+    blocks = []
+    for title, (key, mesh) in zip(titles, meshes.items(), strict=True):
+        place = {vertex: k for k, vertex in enumerate(mesh["vertex"])}
+        points = [[v["x"], v["y"], v["z"]] for v in mesh["vertex"].values()]
+        faces = [[place[str(v)] for v in face] for face in mesh["face"].values()]
+        blocks.append(
+            Block(
+                str(title) if named else key,
+                points,
+                faces,
+                density=density,
+                support=bool(nodes[key].get("is_support")),
+            )
+        )
+    number = {key: k for k, key in enumerate(nodes)}
+    stored = [
+        make_interface(blocks, number[u], number[v], one["data"]["points"])
+        for u, ends in graph["edge"].items()
+        for v, edge in ends.items()
+        for one in edge.get("interfaces") or []
+    ]
+    return BlockFile(blocks, stored or None)
+
+
+def _read_obj(lines: Sequence[str], density: float) -> list[Block]:
+    points: list[list[float]] = []
+    faces: dict[str, list[list[int]]] = {}
+    name = "0"
+    for line in lines:
+        word, *values = line.split() or [""]
+        if word in ("o", "g"):
+            name = " ".join(values) or name
+        elif word == "v":
+            points.append([float(x) for x in values[:3]])
+        elif word == "f":
+            # Numbers count from 1, or from the last corner if they are negative.
+            corners = [int(x.split("/")[0]) for x in values]
+            face = [k - 1 if k > 0 else len(points) + k for k in corners]
+            faces.setdefault(name, []).append(face)
+    whole = np.array(points).reshape(-1, 3)
+    return [_take_part(name, whole, part, density) for name, part in faces.items()]
+
+
+def _read_surfaces(file: Path, density: float) -> list[Block]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    from bipot_rs.mesh.readers import read_cells
+
+    points, cells = read_cells(file)
+    corners, joined = np.unique(points + 0.0, axis=0, return_inverse=True)
+    faces = [
+        joined.ravel()[face]
+        for kind, rows in cells
+        if kind in ("triangle", "quad", "polygon")
+        for face in rows
+    ]
+    if not faces:
+        return []
+    start = np.concatenate(faces)
+    end = np.concatenate([np.roll(face, -1) for face in faces])
+    graph = coo_array((np.ones(len(start)), (start, end)), (len(corners),) * 2)
+    label = connected_components(graph, directed=False)[1]
+    parts: dict[int, list[Ints]] = {}
+    for face in faces:
+        parts.setdefault(int(label[face[0]]), []).append(face)
+    return [
+        _take_part(str(k), corners, part, density)
+        for k, part in enumerate(parts.values())
+    ]
+
+
+def _take_part(
+    name: str, points: Floats, faces: Sequence[Sequence[int] | Ints], density: float
+) -> Block:
+    """A block with the corners of its own faces."""
+    used, local = np.unique(np.concatenate(faces), return_inverse=True)
+    if used[-1] >= len(points) or used[0] < 0:
+        raise ValueError(
+            f"a face of block {name!r} has a corner that is not in the file"
+        )
+    bounds = np.cumsum([len(face) for face in faces])[:-1]
+    return Block(name, points[used], np.split(local, bounds), density=density)
