@@ -20,8 +20,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.blocks.block import Block, split_convex
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.mortar.box_tree import BoxTree
-from bipot_rs.mortar.clipping import clip
+from bipot_rs.mortar.clipping import clip, find_overlapping_boxes
 
 # Normals of faces that touch are opposite to 25 degrees: the distance of the faces, which is
 # compared with the tolerance, decides among these.
@@ -84,9 +83,10 @@ def find_interfaces(
     size = np.array([block.size for block in blocks])
     reach = tolerance * size[pieces.block][:, None]
     low, high = pieces.corners.min(axis=1) - reach, pieces.corners.max(axis=1) + reach
-    group = np.zeros(len(low), np.int64)
+    boxes, group = np.stack([low, high], axis=1), np.zeros(len(low), np.int64)
     overlaps: dict[tuple[int, int], list[tuple[Floats, Floats, float]]] = {}
-    for i, j in BoxTree(low, high, group).overlapping(low, high, group):
+    # Pieces are in the order of the blocks, so that the first of a pair has the lower number.
+    for j, i in find_overlapping_boxes(group, boxes):
         facing = np.sum(pieces.normal[i] * pieces.normal[j], axis=1) < -_OPPOSITE
         chosen = facing & (pieces.block[i] < pieces.block[j])
         i, j = i[chosen], j[chosen]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
@@ -59,6 +61,39 @@ def _half(polygon: Floats, height: Floats) -> Floats:
     result = np.take_along_axis(both, place[..., None], axis=1)
     result[count == 0] = result[count == 0, :1]
     return np.asarray(result)
+
+
+def find_overlapping_boxes(group: Ints, corners: Floats) -> Iterator[tuple[Ints, Ints]]:
+    """Pairs ``(one, other)``, other < one, whose boxes overlap, in portions.
+
+    The boxes of a group are sorted along one axis: each is compared with those that begin
+    before its end.
+
+    Parameters
+    ----------
+    group
+        Group of each box, ``(m,)``; only boxes of one group are compared.
+    corners
+        Points that a box contains, ``(m, v, d)``.
+    """
+    if not len(group):
+        return
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    # The axis along which the fewest boxes overlap.
+    axis = int(np.argmax(np.ptp(low, axis=0) / (high - low).sum(axis=0)))
+    start, end = low[:, axis], high[:, axis]
+    order = np.lexsort([start, group])
+    place = np.arange(len(order))
+    for step in range(1, len(order)):
+        place = place[place + step < len(order)]
+        first_box, other = order[place], order[place + step]
+        near = (group[first_box] == group[other]) & (start[other] < end[first_box])
+        place, first_box, other = place[near], first_box[near], other[near]
+        if not place.size:
+            return
+        over = (high[first_box] > low[other]) & (high[other] > low[first_box])
+        first_box, other = first_box[over.all(axis=1)], other[over.all(axis=1)]
+        yield np.maximum(first_box, other), np.minimum(first_box, other)
 
 
 def triangles(polygons: Floats) -> tuple[Floats, Ints]:

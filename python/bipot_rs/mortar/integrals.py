@@ -51,7 +51,12 @@ import numpy as np
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.mortar.clipping import clip, triangle_rule, triangles
+from bipot_rs.mortar.clipping import (
+    clip,
+    find_overlapping_boxes,
+    triangle_rule,
+    triangles,
+)
 from bipot_rs.mortar.facet_mesh import FacetMesh, candidates
 from bipot_rs.mortar.polygon_integrals import polygon_integrals
 from bipot_rs.mortar.shape_functions import (
@@ -196,7 +201,7 @@ def _one_layer(
     they have the same orientation (`facet_mesh`). Facets that share only a corner are
     checked: they can overlap, as on a spiral ramp.
     """
-    for first_side, other in _side_by_side(s, theirs):
+    for first_side, other in find_overlapping_boxes(s, theirs):
         corners = master.corners
         shared = corners[m[first_side]][:, :, None] == corners[m[other]][:, None, :]
         apart = shared.sum(axis=(1, 2)) < slave.dim - 1
@@ -225,32 +230,6 @@ def _one_layer(
                 f"{slave.name}, with its facets {m[other[at]]} and {m[first_side[at]]}: pass a "
                 "distance that excludes the wrong layer, or select fewer facets"
             )
-
-
-def _side_by_side(s: Ints, theirs: Floats) -> Iterator[tuple[Ints, Ints]]:
-    """Pairs ``(one, other)``, other < one, of intersections with the same slave facet.
-
-    Only pairs with overlapping boxes. The boxes of a slave facet are sorted along one axis:
-    each is compared with those that begin before its end.
-    """
-    if not len(s):
-        return
-    low, high = theirs.min(axis=1), theirs.max(axis=1)
-    # The axis along which the fewest boxes overlap.
-    axis = int(np.argmax(np.ptp(low, axis=0) / (high - low).sum(axis=0)))
-    start, end = low[:, axis], high[:, axis]
-    order = np.lexsort([start, s])
-    place = np.arange(len(order))
-    for step in range(1, len(order)):
-        place = place[place + step < len(order)]
-        first_box, other = order[place], order[place + step]
-        near = (s[first_box] == s[other]) & (start[other] < end[first_box])
-        place, first_box, other = place[near], first_box[near], other[near]
-        if not place.size:
-            return
-        over = (high[first_box] > low[other]) & (high[other] > low[first_box])
-        first_box, other = first_box[over.all(axis=1)], other[over.all(axis=1)]
-        yield np.maximum(first_box, other), np.minimum(first_box, other)
 
 
 def whole(slave: FacetMesh) -> Overlaps:
