@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
-from bipot_rs._lib import sparse_structure
 from bipot_rs._lib.messages import count_noun, meant
 from bipot_rs._lib.types import CsrMatrix, Floats, Integers, Ints
 
@@ -128,7 +127,7 @@ def csr(what: str, value: Any) -> Csr:
             raise ValueError(
                 f"{what} has {count_noun(value.ndim, 'dimension')}, expected 2"
             )
-        sparse_structure.check(what, value)
+        _check_structure(what, value)
         matrix = csr_array(value)
     else:
         matrix = csr_array(floats(what, value, ndim=2, finite=False, copy=False))
@@ -587,3 +586,63 @@ def one_of(what: str, value: object, known: Sequence[str]) -> str:
     names = " or ".join(map(repr, known))
     similar = meant(value, known) if isinstance(value, str) else ""
     raise ValueError(f"{what} is {value!r}, expected {names}{similar}")
+
+
+def _check_structure(what: str, matrix: Any) -> None:
+    """Refuse a sparse matrix whose arrays contradict its shape.
+
+    SciPy does not check them: with wrong indices it reads and writes outside its arrays.
+
+    Raises
+    ------
+    ValueError
+        Indices outside the shape, or row pointers that do not ascend from 0 to the number
+        of entries.
+    """
+    rows, columns = matrix.shape
+    kind = matrix.format
+    if kind in ("csr", "csc", "bsr"):
+        height, width = getattr(matrix, "blocksize", (1, 1))
+        major, minor = rows // height, columns // width
+        if kind == "csc":
+            major, minor = minor, major
+        _pointers(what, matrix.indptr, len(matrix.indices), len(matrix.data), major)
+        _within(what, matrix.indices[: int(matrix.indptr[-1])], minor)
+    elif kind == "coo":
+        row, column = matrix.row, matrix.col
+        if not len(row) == len(column) == len(matrix.data):
+            raise ValueError(
+                f"{what} has {len(row)} row indices, {len(column)} column indices and "
+                f"{len(matrix.data)} entries, expected as many of each"
+            )
+        _within(what, row, rows)
+        _within(what, column, columns)
+
+
+def _pointers(
+    what: str, pointer: Integers, indices: int, entries: int, major: int
+) -> None:
+    if len(pointer) != major + 1:
+        raise ValueError(
+            f"{what} has {count_noun(len(pointer), 'pointer')} to its rows, expected {major + 1}"
+        )
+    if pointer[0] != 0 or (np.diff(pointer) < 0).any():
+        raise ValueError(
+            f"{what} has pointers to its rows that do not go up from 0: a broken "
+            "sparse matrix"
+        )
+    if pointer[-1] > min(indices, entries):
+        raise ValueError(
+            f"{what} has {count_noun(min(indices, entries), 'entry')}, its pointers to rows end at "
+            f"{pointer[-1]}"
+        )
+
+
+def _within(what: str, indices: Integers, limit: int) -> None:
+    # Least and greatest take no memory, where a comparison takes a byte for each entry.
+    if len(indices) and (indices.min() < 0 or indices.max() >= limit):
+        at = int(np.argmax((indices < 0) | (indices >= limit)))
+        raise ValueError(
+            f"{what} has an entry at index {indices[at]}, expected 0 to {limit - 1}: a "
+            "broken sparse matrix"
+        )

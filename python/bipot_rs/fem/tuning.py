@@ -32,7 +32,7 @@ NODES_ACROSS = 4.0
 # --- Ways of computing.
 
 # Nodes up to whose product all pairs are compared, which is faster than importing a tree
-# (contact/matching.py). Half and twice: some milliseconds of start-up.
+# (contact/meeting.py). Half and twice: some milliseconds of start-up.
 ALL_PAIRS = 2**20
 # A preferred degree of freedom becomes the dependent one of a relation if its coefficient is
 # at least this part of the largest one (constraints/ties.py; tests of cyclic symmetries and

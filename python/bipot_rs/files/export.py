@@ -21,7 +21,6 @@ from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import AnyArray, Record
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import CONTACTS, FIELDS, STEPS, Quantity, labels
-from bipot_rs.files.meshio_library import load_meshio
 from bipot_rs.files.result_mesh import ResultMesh
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ _IN_MEMORY = 2**25
 def require() -> None:
     """Import the libraries for files before a long solve, so that it does not fail later."""
     load_library("h5py")
-    load_meshio("files for ParaView")
+    load_library("meshio", extra="fem", need="files for ParaView")
     import_module("bipot_rs.files.series")
 
 

@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import AnyArray, Floats, Integers
-from bipot_rs.files.meshio_library import load_meshio
 
 Cells = Sequence[tuple[str, Integers]]
 Fields = Mapping[str, AnyArray]
@@ -50,7 +50,7 @@ def write_grid(
     units
         Units of fields by name.
     """
-    meshio = load_meshio("files for ParaView")
+    meshio = load_library("meshio", extra="fem", need="files for ParaView")
     # 32 bits are enough for almost every mesh that fits into memory.
     short = len(points) < 2**31 > sum(corners.size for _, corners in cells)
     integer = np.int32 if short else np.int64

@@ -28,8 +28,8 @@ import numpy as np
 
 from bipot_rs._lib.byte_order import strip_mark, without
 from bipot_rs._lib.messages import count_noun
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Ints
-from bipot_rs.files.meshio_library import load_meshio
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups
 from bipot_rs.mesh.content import Content
@@ -170,7 +170,7 @@ def _blocks(mesh: _MeshioMesh) -> list[tuple[str, Ints]]:
 
 def _read_any(file: Path, what: str) -> _MeshioMesh:
     """Read a file by meshio; ``what`` it should be, for errors."""
-    meshio = load_meshio("meshes in files")
+    meshio = load_library("meshio", extra="fem", need="meshes in files")
     if not file.is_file():
         raise FileNotFoundError(f"there is no file {file}")
     try:
@@ -216,7 +216,7 @@ def _complete(path: Path, suffix: str) -> None:
 
 def _of_meshio(path: Path, suffix: str, source: Path) -> Content:
     """Read ``source`` with meshio; messages name ``path``."""
-    meshio = load_meshio("meshes in files")
+    meshio = load_library("meshio", extra="fem", need="meshes in files")
     reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
     try:
         # meshio prints warnings for valid files, and for files refused below.

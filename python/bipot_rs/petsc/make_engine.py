@@ -12,8 +12,17 @@ from bipot_rs._lib.memory import available
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
 from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.contact.path.contacts import Contacts
-from bipot_rs.petsc import components, own_rows, supports, tuning
+from bipot_rs.petsc import own_rows, tuning
 from bipot_rs.petsc.agreement import do_together
+from bipot_rs.petsc.bodies import (
+    Bodies,
+    check_holding,
+    find_bodies,
+    find_supported,
+    hold_by_prescribed,
+    orthonormal,
+    rigid_motions,
+)
 from bipot_rs.petsc.engine import PetscEngine
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.library import Library
@@ -23,7 +32,6 @@ from bipot_rs.petsc.linear.one_rank import OneRankFactor
 from bipot_rs.petsc.linear.preconditioner import ChosenPreconditioner, Preconditioner
 from bipot_rs.petsc.linear.solver import LinearSolver
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart, make_transformation
-from bipot_rs.petsc.motions import orthonormal, rigid_motions
 from bipot_rs.petsc.operator import Operator
 
 # Bytes of a factor in the plane for each unknown. It grows as n log n: this is more than enough.
@@ -93,18 +101,18 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     prescribed = np.zeros(rows.count, bool)
     prescribed[fixed] = True
     free = bring(np.where(prescribed, 0.0, 1.0)) > 0
-    of_node, count = components.find_bodies(comm, rows, local, free, d, bring)
+    of_node, count = find_bodies(comm, rows, local, free, d, bring)
     motions = rigid_motions(comm, library.MPI, given.coordinates, rows.count, d)
-    bodies = supports.Bodies(of_node, count, motions, prescribed)
-    holding = supports.hold_by_prescribed(rows, local, bodies, bring, d)
-    supported = supports.find_supported(comm, count, holding)
+    bodies = Bodies(of_node, count, motions, prescribed)
+    holding = hold_by_prescribed(rows, local, bodies, bring, d)
+    supported = find_supported(comm, count, holding)
     at_places = interface.gather_own(motions[interface.rows])
     body = np.repeat(of_node, d).astype(float)
     body_of_place = interface.gather_own(body[interface.rows]).astype(np.int64)
     free_contact: CsrMatrix = contact.copy()
     free_contact.data[position[free_contact.indices] < len(given.fixed)] = 0.0
     by_contact = free_contact, at_places, body_of_place
-    loose = supports.check(comm, rows, local, bodies, bring, d, holding, by_contact)
+    loose = check_holding(comm, rows, local, bodies, bring, d, holding, by_contact)
     blocks = interface.gather_own(_read_blocks(rows, interface, d))
     del rows, local
     variables = do_together(

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from bipot_rs import fem
 from bipot_rs.fem.bodies import elasticity
-from bipot_rs.fem.contact import matching
+from bipot_rs.fem.contact import meeting
 
 Floats = NDArray[np.float64]
 CELLS = {
@@ -139,9 +139,9 @@ def test_partners_are_the_same_with_and_without_a_tree(
 ) -> None:
     random = np.random.default_rng(5)
     ours, theirs = random.normal(size=(40, 3)), random.normal(size=(70, 3))
-    few = matching.nearest_points(ours, theirs)
-    monkeypatch.setattr(matching, "ALL_PAIRS", 0)
-    np.testing.assert_array_equal(few, matching.nearest_points(ours, theirs))
+    few = meeting.nearest_points(ours, theirs)
+    monkeypatch.setattr(meeting, "ALL_PAIRS", 0)
+    np.testing.assert_array_equal(few, meeting.nearest_points(ours, theirs))
 
 
 @pytest.mark.parametrize("cell", CELLS)

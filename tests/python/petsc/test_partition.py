@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bipot_rs import fem
-from bipot_rs.fem.bodies.node_graph import find_neighbours
+from bipot_rs.fem.bodies.elasticity import find_neighbours
 from bipot_rs.mesh import elements
 from bipot_rs.petsc.run.partition import divide_by_coordinates
 

@@ -42,7 +42,6 @@ RUST_NAMES = {
     ),
 }
 PYTHON_NAMES = {
-    "meshio": ("files/meshio_library.py",),
     "skfem": ("mesh/kinds.py", "mesh/serendipity.py"),
     "h5py": ("files/export.py", "fclib.py"),
     "pandas": ("contact/results/tables.py",),

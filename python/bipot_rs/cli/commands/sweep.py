@@ -71,7 +71,7 @@ def add_arguments(parser: shared.Parser) -> None:
 
 def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
-    from bipot_rs.cli.study.part import part
+    from bipot_rs.cli.study.axes import part
     from bipot_rs.cli.study.solving import StudyOptions, solve_rows
 
     request = shared.read_options(

@@ -12,7 +12,7 @@ from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import count_noun, duration, size
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import Body
-from bipot_rs.fem.bodies.node_graph import find_neighbours
+from bipot_rs.fem.bodies.elasticity import find_neighbours
 from bipot_rs.scene.schema.root import Scene
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import bipot_rs._core as _core
+from bipot_rs._lib.memory import peak_mb
 from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
@@ -25,12 +26,11 @@ from bipot_rs.cli.run.output_folder import (
     ours,
     replace,
 )
-from bipot_rs.cli.run.peak_memory import peak_mb
 from bipot_rs.cli.run.shared_runner import PHASES, SharedRunner
 from bipot_rs.petsc.run.ranks import World, read_launcher
 
 if TYPE_CHECKING:
-    from bipot_rs.cli.run.checkpoint import Checkpoint
+    from bipot_rs.cli.run.output_files import Checkpoint
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.results.result import Result
@@ -229,7 +229,7 @@ class Job(SharedRunner):
 
     def _begin_checkpoint(self, draft: Path, stamp: Mapping[str, object]) -> None:
         """Let rank 0 of several keep each load step."""
-        from bipot_rs.cli.run.checkpoint import Checkpoint
+        from bipot_rs.cli.run.output_files import Checkpoint
         from bipot_rs.cli.run.resume import left_off
 
         if not self.shared or not self.ranks.first:

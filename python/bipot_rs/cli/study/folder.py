@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bipot_rs.cli.run.output_folder import RESULT, ROWS, SWEEP, SWEEP_RECORD, make
-from bipot_rs.cli.study.part import part
+from bipot_rs.cli.study.axes import part
 from bipot_rs.cli.study.plan import StudyRecord
 
 if TYPE_CHECKING:

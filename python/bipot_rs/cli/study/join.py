@@ -12,6 +12,7 @@ from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.progress import complain
 from bipot_rs.cli.run.output_folder import RESULT, SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study import axes
+from bipot_rs.cli.study.axes import FOLDERS, StudyPart, part
 from bipot_rs.cli.study.folder import (
     make_folder,
     read_record,
@@ -19,7 +20,6 @@ from bipot_rs.cli.study.folder import (
     set_aside,
     write_record,
 )
-from bipot_rs.cli.study.part import FOLDERS, StudyPart, part
 from bipot_rs.cli.study.plan import StudyRecord
 from bipot_rs.cli.study.report import print_study, summarise_rows
 from bipot_rs.cli.study.table import MISSING, read, write

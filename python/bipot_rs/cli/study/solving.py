@@ -15,13 +15,13 @@ from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.progress import Progress, complain, line
 from bipot_rs.cli.run.cost_forecast import cores
 from bipot_rs.cli.run.output_folder import SWEEP
+from bipot_rs.cli.study.axes import StudyPart, deal
 from bipot_rs.cli.study.folder import (
     has_result,
     make_folder,
     set_aside,
     write_record,
 )
-from bipot_rs.cli.study.part import StudyPart, deal
 from bipot_rs.cli.study.plan import Study, format_settings, plan
 from bipot_rs.cli.study.report import print_study, summarise_rows
 from bipot_rs.cli.study.row import Row, peak, solve, solve_as

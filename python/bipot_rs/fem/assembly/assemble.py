@@ -24,8 +24,12 @@ from bipot_rs.fem.constraints.references import (
 )
 from bipot_rs.fem.constraints.ties import make_ties
 from bipot_rs.fem.contact.contact import Contact, check_contact
-from bipot_rs.fem.contact.meeting import Meeting, meet, relative_displacement
-from bipot_rs.fem.contact.obstacle_path import gaps_of_steps
+from bipot_rs.fem.contact.meeting import (
+    Meeting,
+    gaps_of_steps,
+    meet,
+    relative_displacement,
+)
 
 if TYPE_CHECKING:
     from bipot_rs.fem.constraints.repetition import Images, Repetition

@@ -50,7 +50,7 @@ from bipot_rs.fem.constraints.references import (
 )
 from bipot_rs.fem.constraints.ties import Ties
 from bipot_rs.fem.contact.contact import Contact
-from bipot_rs.fem.contact.obstacle_path import frames_of_steps
+from bipot_rs.fem.contact.meeting import frames_of_steps
 from bipot_rs.fem.contact.rigid import follow_obstacle
 from bipot_rs.fem.contact.surfaces import ContactSurface
 from bipot_rs.obstacle.motion import Motion

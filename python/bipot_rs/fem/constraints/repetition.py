@@ -20,8 +20,7 @@ from bipot_rs.contact.law.frames import frames
 from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.constraints.ties import Relations
 from bipot_rs.fem.contact.contact import Contact
-from bipot_rs.fem.contact.matching import nearest_points
-from bipot_rs.fem.contact.meeting import Meeting
+from bipot_rs.fem.contact.meeting import Meeting, nearest_points
 from bipot_rs.obstacle.motion import Approach
 from bipot_rs.obstacle.protocol import check_direction
 

@@ -11,10 +11,10 @@ from scipy import sparse
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
-from bipot_rs.contact.law.frames import frames, operator
+from bipot_rs.contact.law.frames import frames, operator, turn_frames
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.bodies.numbering import NumberedBodies, NumberedBody
 from bipot_rs.fem.contact.contact import Contact, both
-from bipot_rs.fem.contact.matching import match_nodes
 from bipot_rs.fem.contact.rigid import follow_obstacle, weigh_obstacle
 from bipot_rs.fem.contact.surfaces import (
     ContactSurface,
@@ -22,6 +22,7 @@ from bipot_rs.fem.contact.surfaces import (
     refuse_negative_areas,
     split_clearance,
 )
+from bipot_rs.fem.tuning import ALL_PAIRS
 from bipot_rs.obstacle.motion import Approach
 
 if TYPE_CHECKING:
@@ -188,3 +189,99 @@ def relative_displacement(meetings: Sequence[Meeting], n: int) -> CsrMatrix:
         sparse.vstack([sparse.csr_array((0, n)), *rows], "csr")
     )
     return made
+
+
+def gaps_of_steps(
+    found: Sequence[Meeting], contacts: Sequence[Contact], frame: Floats, turned: bool
+) -> MovingGaps | None:
+    """Gaps, frames and drag of each step for all contacts; None if no obstacle moves.
+
+    Parameters
+    ----------
+    frame
+        Frames at the start, ``(n_c, d, d)``.
+    turned
+        Whether their tangents were turned to those of inclined supports.
+    """
+    steps = sorted({len(one.moved.drag) for one in found if one.moved is not None})
+    if not steps:
+        return None
+    if len(steps) > 1:
+        raise ValueError(
+            f"the motions of obstacles have {' and '.join(map(str, steps))} steps: give "
+            "all the same number of steps"
+        )
+    parts, first = [], 0
+    for one, contact in zip(found, contacts, strict=True):
+        own = frame[first : first + len(one.gap)]
+        first += len(one.gap)
+        moved = one.moved
+        if moved is None:
+            shape = steps[0], *own.shape
+            gap, bases = (
+                np.broadcast_to(one.gap, shape[:2]),
+                np.broadcast_to(own, shape),
+            )
+            parts.append((gap, bases, np.zeros(shape[:3])))
+        else:
+            bases = frames_of_steps(contact, own, moved.normal, turned)
+            parts.append((moved.distance, bases, moved.drag))
+    return MovingGaps(
+        *(np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    )
+
+
+def frames_of_steps(
+    contact: Contact, frame: Floats, normals: Floats, turned: bool
+) -> Floats:
+    """Frames ``(steps, n_c, d, d)`` with given normals, one after the other from ``frame``.
+
+    Tangents turn as little as normals do, unless ``axis`` determines them.
+    """
+    found = np.empty((*normals.shape[:2], *frame.shape[1:]))
+    for k, normal in enumerate(normals):
+        before = frame if k == 0 else found[k - 1]
+        found[k] = turn_frames(before, normal)
+        if contact.axis is not None and (np.ndim(contact.mu) == 1 or not turned):
+            other = (found[k] != before).any(axis=(1, 2))
+            found[k, other] = frames(normal[other], contact.axis)
+    return found
+
+
+def match_nodes(
+    ours: Floats, theirs: Floats, frame: Floats, contact: Contact, size: float
+) -> Ints:
+    """Index of the node opposite to each of ours, along the normal."""
+    match = nearest_points(ours, theirs)
+    between = ours - theirs[match]
+    along = np.einsum("cd,cd->c", frame[:, 0], between)
+    aside = np.linalg.norm(between - along[:, None] * frame[:, 0], axis=1)
+    # Coordinates of one point from two meshers differ in the last digits.
+    bad = np.flatnonzero(aside > 1e-7 * size)
+    if bad.size:
+        raise ValueError(
+            f"surfaces {both(contact)} do not match: no node lies opposite to the node at "
+            f"{place(ours[bad[0]])}, the nearest is {aside[bad[0]]:g} aside; use "
+            "pairing='mortar', or meshes with opposite nodes"
+        )
+    values, counts = np.unique(match, return_counts=True)
+    if np.any(counts > 1):
+        raise ValueError(
+            f"surfaces {both(contact)} do not match: the node at "
+            f"{place(theirs[values[counts > 1][0]])} lies opposite to several nodes; use "
+            "pairing='mortar'"
+        )
+    return np.asarray(match, dtype=np.int64)
+
+
+def nearest_points(ours: Floats, theirs: Floats) -> Ints:
+    """Index in ``theirs`` of the point nearest to each of ``ours``."""
+    if len(ours) * len(theirs) > ALL_PAIRS:
+        from scipy.spatial import cKDTree
+
+        _, match = cKDTree(theirs).query(ours)
+        return np.asarray(match, dtype=np.int64)
+    distance = np.zeros((len(ours), len(theirs)))
+    for mine, other in zip(ours.T, theirs.T, strict=True):
+        distance += np.subtract.outer(mine, other) ** 2
+    return np.asarray(distance.argmin(axis=1), dtype=np.int64)

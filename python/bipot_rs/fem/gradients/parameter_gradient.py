@@ -25,7 +25,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.bodies.boundary import Spring
 from bipot_rs.fem.bodies.loads import Load
-from bipot_rs.fem.bodies.materials import Material, elasticity
+from bipot_rs.fem.bodies.materials import Material, elasticity, of_poisson, of_young
 from bipot_rs.fem.bodies.stress_recovery import (
     initial_strain,
     internal_forces,
@@ -36,7 +36,6 @@ from bipot_rs.fem.gradients.contact_derivative import (
     of_matching,
     refuse_moving_nodes,
 )
-from bipot_rs.fem.gradients.material_derivative import of_poisson, of_young
 from bipot_rs.fem.gradients.shape_derivative import AreaVectors, stress_of_motion
 
 if TYPE_CHECKING:

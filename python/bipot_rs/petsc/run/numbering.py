@@ -10,7 +10,7 @@ from scipy import sparse
 
 from bipot_rs._lib.types import CsrMatrix, Ints, PetscMat
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.bodies.node_graph import find_neighbours
+from bipot_rs.fem.bodies.elasticity import find_neighbours
 from bipot_rs.petsc import tuning
 from bipot_rs.petsc.library import Library
 from bipot_rs.petsc.run.partition import divide_by_coordinates, divide_graph

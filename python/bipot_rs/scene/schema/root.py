@@ -19,7 +19,7 @@ from bipot_rs.scene.schema.load import (
 )
 from bipot_rs.scene.schema.material import Elastic
 from bipot_rs.scene.schema.mesh import Block, Mesh
-from bipot_rs.scene.schema.path import LoadPath
+from bipot_rs.scene.schema.path import LoadPath, WearTable
 from bipot_rs.scene.schema.table import (
     AXES,
     KIND,
@@ -29,7 +29,6 @@ from bipot_rs.scene.schema.table import (
     no_tables,
 )
 from bipot_rs.scene.schema.tie import CyclicTable, PeriodicTable, RemoteTable
-from bipot_rs.scene.schema.wear import WearTable
 
 # Cells of an element, by dimension.
 _CARRIES = {

@@ -1,4 +1,4 @@
-"""Whether supports, springs and contacts can hold every rigid motion of the bodies.
+"""The bodies of a distributed K, their rigid motions, and whether all of these are held.
 
 `src/primal/supports.rs` does the same where one process has all of ``K``. Here each rank
 finds what holds a body in its own rows, and the core decides with those of all ranks. A
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from scipy.sparse import block_diag
@@ -48,7 +49,7 @@ def find_supported(comm: Communicator, count: int, prescribed: HoldingRows) -> B
     return _sum_up(comm, np.bincount(prescribed[0], minlength=count)) > 0
 
 
-def check(
+def check_holding(
     comm: Communicator,
     rows: OwnRows,
     local: Ints,
@@ -159,3 +160,125 @@ def _entries(rows: OwnRows, wanted: Ints) -> tuple[Ints, Ints]:
     counts = np.diff(rows.pointer)[wanted]
     first = np.repeat(rows.pointer[wanted] - np.cumsum(counts) + counts, counts)
     return np.repeat(wanted, counts), first + np.arange(counts.sum())
+
+
+# Rows of K that are looked at together: copies of more entries would take as much memory as K.
+_ROWS = 1 << 13
+
+
+def find_bodies(
+    comm: Communicator,
+    rows: OwnRows,
+    local: Ints,
+    free: Bools,
+    d: int,
+    bring: Callable[[Floats], Floats],
+) -> tuple[Ints, int]:
+    """Body of each own node, and the number of bodies.
+
+    Parameters
+    ----------
+    rows, local
+        Own rows, and their columns in local numbers (`OwnRows.local`).
+    free
+        Whether each own degree of freedom, and then each outside, is not prescribed.
+        Prescribed ones couple nothing.
+    bring
+        Brings values of own degrees of freedom and those outside to this rank.
+    """
+    own_nodes = rows.count // d
+    # Local numbers of nodes, own ones first. Outside, each degree of freedom counts.
+    node = np.concatenate(
+        [
+            np.arange(rows.count) // d,
+            np.arange(own_nodes, len(free) - rows.count + own_nodes),
+        ]
+    )
+    count = own_nodes + len(free) - rows.count
+    pieces = np.arange(count)
+    for first in range(0, rows.count, _ROWS):
+        last = min(first + _ROWS, rows.count)
+        entries = slice(rows.pointer[first], rows.pointer[last])
+        i = np.repeat(np.arange(first, last), np.diff(rows.pointer[first : last + 1]))
+        j = local[entries]
+        couples = (rows.values[entries] != 0) & free[i] & free[j]
+        a, b = pieces[node[i[couples]]], pieces[node[j[couples]]]
+        apart = a != b
+        pieces = _join(pieces, a[apart], b[apart], count)
+    # Pieces of all ranks get different numbers, and those that meet are joined.
+    starts = np.cumsum([0, *comm.allgather(count)])
+    mine = pieces + starts[comm.rank]
+    theirs = bring(np.repeat(mine[:own_nodes], d).astype(float))[rows.count :].astype(
+        np.int64
+    )
+    meeting = free[rows.count :]
+    pairs = np.column_stack([mine[own_nodes:][meeting], theirs[meeting]])
+    pairs = np.unique(pairs, axis=0)
+    mine_meet, theirs_meet = np.concatenate(comm.allgather(pairs)).T.copy()
+    joined = _join(np.arange(starts[-1]), mine_meet, theirs_meet, starts[-1])
+    body_of_row = joined[mine[:own_nodes]]
+    # Bodies are numbered in the order of their first nodes.
+    used = np.concatenate(comm.allgather(_list_in_order(body_of_row)))
+    _, at = np.unique(used, return_index=True)
+    order = used[np.sort(at)]
+    number = np.full(starts[-1] + 1, -1)
+    number[order] = np.arange(len(order))
+    return number[body_of_row], len(order)
+
+
+def _list_in_order(values: Ints) -> Ints:
+    _, at = np.unique(values, return_index=True)
+    return values[np.sort(at)]
+
+
+def _join(pieces: Ints, a: Ints, b: Ints, count: int) -> Ints:
+    """Pieces after those of ``a`` are joined with those of ``b``."""
+    return _core.connected(count, a, b)[pieces] if len(a) else pieces
+
+
+def rigid_motions(
+    comm: Communicator, MPI: ModuleType, coordinates: Floats | None, rows: int, d: int
+) -> Floats:
+    """Translations, then rotations, ``(rows, m)``; translations alone without coordinates.
+
+    The centre is that of the box around all nodes, and the reach its largest side.
+
+    Parameters
+    ----------
+    coordinates
+        Of the own degrees of freedom, ``(rows, d)``.
+    """
+    if coordinates is None:
+        return np.tile(np.eye(d), (rows // d, 1))
+    low, high = np.full(d, np.inf), np.full(d, -np.inf)
+    if rows:
+        low, high = coordinates.min(axis=0), coordinates.max(axis=0)
+    low, high = _reduce_all(comm, low, MPI.MIN), _reduce_all(comm, high, MPI.MAX)
+    arm = np.zeros((rows, 3))
+    arm[:, :d] = coordinates - (0.5 * low + 0.5 * high)
+    direction = np.arange(rows, dtype=np.int64) % d
+    reach = float((high - low).max()) or 1.0
+    return _core.rigid_motions(direction, arm, d, reach)
+
+
+def _reduce_all(comm: Communicator, values: Floats, operation: object) -> Floats:
+    whole = np.empty_like(values)
+    comm.Allreduce(values, whole, op=operation)
+    return whole
+
+
+def orthonormal(comm: Communicator, vectors: Floats) -> Floats:
+    """Orthonormal vectors with the same span, dependent ones left out.
+
+    Parameters
+    ----------
+    vectors
+        The own rows, ``(rows, m)``.
+    """
+    for _ in range(2):  # the second time for the digits that the first one loses
+        whole = np.empty((vectors.shape[1],) * 2)
+        comm.Allreduce(vectors.T @ vectors, whole)
+        size, turn = np.linalg.eigh(whole)
+        kept = size > 1e-12 * size.max(initial=0.0)
+        vectors = vectors @ (turn[:, kept] / np.sqrt(size[kept]))
+    return np.ascontiguousarray(vectors)
