@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,6 +67,8 @@ class BlockProblem(ReducedProblem):
     free
         Numbers of the blocks that can move, in the order of ``a``.
     """
+
+    rigid: tuple[Any, Floats]
 
     def __init__(
         self,

@@ -10,12 +10,14 @@ show units if they are known, from ``units={"length": "mm", "force": "N", "stres
 or ``result.units``.
 
 Along a line: `tractions`, `slip`, `wear`, `reaction_band`. On a flat surface: `surface_map`,
-`status_map`, `slip`. On any surface in 3D: `surface3d`. Bodies: `deformed`. Load path:
-`resultants`, `status_shares`, `force_displacement`, `dissipation`. Derivatives:
-`sensitivity`. Solver: `convergence`. By name: `plot`; all load steps as a GIF: `animate`.
+`status_map`, `slip`. On any surface in 3D: `surface3d`. Bodies: `deformed`. Rigid blocks:
+`blocks`. Load path: `resultants`, `status_shares`, `force_displacement`, `dissipation`.
+Derivatives: `sensitivity`. Solver: `convergence`. By name: `plot`; all load steps as a GIF:
+`animate`.
 """
 
 from bipot_rs.plots.animation import animate
+from bipot_rs.plots.blocks import blocks
 from bipot_rs.plots.body import deformed
 from bipot_rs.plots.by_name import plot
 from bipot_rs.plots.convergence import convergence
@@ -34,6 +36,7 @@ from bipot_rs.plots.wear import wear
 
 __all__ = [
     "animate",
+    "blocks",
     "convergence",
     "deformed",
     "dissipation",

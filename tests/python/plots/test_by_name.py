@@ -264,6 +264,13 @@ def test_an_earlier_file_survives_a_failure(
 
 def test_every_function_of_a_result_has_a_name() -> None:
     """Except those of something else than a result."""
-    others = {"animate", "convergence", "plot", "reaction_band", "sensitivity"}
+    others = {
+        "animate",
+        "blocks",
+        "convergence",
+        "plot",
+        "reaction_band",
+        "sensitivity",
+    }
     named = {kind.draw.__name__ for kind in KINDS.values()} - {"both"} | {"wear"}
     assert named | others == set(plots.__all__)

@@ -109,7 +109,6 @@ def find_balance(
     Also the largest multiplier of ``live``, by a linear programme over the edges of the
     cones: exact in the plane, an inner bound in space.
     """
-    assert problem.rigid is not None
     R, e = problem.rigid
     R = csc_array(R)
     count, d = problem.q.shape
