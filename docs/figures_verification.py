@@ -1,4 +1,7 @@
-"""Draws manufactured.png, of verification.md: `python docs/figures_verification.py`."""
+"""Draws manufactured.png of verification.md, and faults.png of faults.md.
+
+python docs/figures_verification.py
+"""
 
 import sys
 from pathlib import Path
@@ -10,7 +13,7 @@ import bipot_rs as bp
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "tests" / "python"))
-from cases import manufactured  # noqa: E402
+from cases import faults, manufactured  # noqa: E402
 
 COLOURS = {"STICK": "#0072B2", "SLIP": "#E69F00", "OPEN": "#7F7F7F"}
 ELEMENTS = {"P1": "#56B4E9", "Q1": "#0072B2", "P2": "#E69F00", "Q2": "#D55E00"}
@@ -77,14 +80,57 @@ def draw_errors(axes):
     axes.legend(frameon=False)
 
 
+def draw_crack(axes):
+    """Slips of the crack for ten cells on each half of it."""
+    crack = faults.inclined_crack
+    fine = crack.HALF * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 300))
+    axes.plot(fine, 1e3 * crack.exact_slip(fine), color="k", lw=1, label="exact")
+    for graded, colour in ((False, "#56B4E9"), (True, "#D55E00")):
+        solved = faults.crack(10, graded)
+        label = "graded cells" if graded else "equal cells"
+        axes.plot(solved.x, 1e3 * solved.slip, "o", ms=3.5, color=colour, label=label)
+    axes.set(xlabel="along the crack [m]", title="crack: slip [mm]")
+    axes.legend(frameon=False)
+
+
+def draw_faults(slips, tractions):
+    """The fault of the reservoir: slips without friction, tractions when held."""
+    reservoir = faults.reservoir
+    fine = np.linspace(-280, 280, 2000)
+    sliding = faults.fault(8, 0.0, reservoir.smooth)
+    held = faults.fault(8, 1.0, reservoir.depletion)
+    slips.plot(reservoir.exact_slip(fine), fine, color="k", lw=1, label="exact")
+    slips.plot(sliding.slip, sliding.z, "o", ms=3.5, color="#0072B2", label="h = a/8")
+    slips.set(xlabel="slip of the right side, upwards [m]", ylabel="z [m]")
+    slips.set_title("reservoir, without friction")
+    exact = (reservoir.exact_pressure(fine), reservoir.exact_shear(fine))
+    for k, (name, colour) in enumerate((("pressure", "#0072B2"), ("shear", "#E69F00"))):
+        tractions.plot(exact[k] / 1e6, fine, color="k", lw=1)
+        values = held.traction[:, k] / 1e6
+        tractions.plot(values, held.z, "o", ms=3, color=colour, label=name)
+    tractions.set(xlabel="traction [MPa]", title="reservoir, held")
+    for axes in (slips, tractions):
+        low, high = reservoir.LAYERS["left"]
+        axes.axhspan(low, high, xmin=0, xmax=0.5, color="0.93")
+        axes.axhspan(*reservoir.LAYERS["right"], xmin=0.5, xmax=1, color="0.93")
+    slips.set_xticks([-0.18, -0.09, 0.0])
+    slips.legend(frameon=False, loc="lower left")
+    tractions.legend(frameon=False, loc="upper right", bbox_to_anchor=(0.95, 0.95))
+
+
 def main():
-    """Draw the picture."""
+    """Draw the pictures."""
     figure = Figure(figsize=(12, 4), layout="constrained")
     tractions, zones, errors = figure.subplots(1, 3)
     draw_tractions(tractions)
     draw_zones(zones)
     draw_errors(errors)
     figure.savefig(HERE / "manufactured.png", dpi=110)
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    crack, slips, tractions = figure.subplots(1, 3)
+    draw_crack(crack)
+    draw_faults(slips, tractions)
+    figure.savefig(HERE / "faults.png", dpi=110)
 
 
 if __name__ == "__main__":

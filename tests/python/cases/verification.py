@@ -162,6 +162,7 @@ def page(*, fine: bool) -> str:
     """The page. `fine` adds the meshes that take too long for a test."""
     # Imported here: each of them imports Row from this module.
     import cases.exact
+    import cases.faults
     import cases.hard
     import cases.manufactured
     import cases.plane
@@ -173,7 +174,7 @@ def page(*, fine: bool) -> str:
         head = ["case", "quantity", "source", "expected", "computed", "difference"]
         return table(head, rows)
 
-    approached = cases.plane.CASES | cases.space.CASES
+    approached = cases.plane.CASES | cases.space.CASES | cases.faults.CASES
     refined = [
         [i.upper(), *row]
         for i, case in sorted(approached.items(), key=lambda pair: int(pair[0][1:]))
@@ -184,7 +185,7 @@ def page(*, fine: bool) -> str:
     sections = [
         HEAD,
         "## Answers that the mesh meets exactly\n",
-        *numbers(cases.exact.CASES),
+        *numbers(cases.exact.CASES | cases.faults.EXACT),
         "\n## Answers that the mesh approaches\n",
         REFINED,
         *table([*head, "error", "order"], refined),
@@ -213,8 +214,8 @@ one digit.
 
 Cases A have answers by analysis: closed forms, statics, enumeration. Cases P are published
 problems. Cases H are hard: degenerate geometry, several answers or none, extreme numbers. The
-mesh approaches the answers of A7, A8, A9, A10 and A13 by refinement, and meets all other
-answers A exactly.
+mesh approaches the answers of A7, A8, A9, A10, A13, A15 and A16 by refinement, and meets all
+other answers A exactly.
 
 Sources: [J85] and the equations of the paper are in [theory.md](theory.md). *Closed form*: the
 formula is derived in `bipot_rs.analytic` or in the test. *Enumeration*: every combination of
@@ -239,6 +240,7 @@ in five steps.
 - *independent program*: finite elements that share no code with this package, with bilinear
   cells and full integration. Its numbers, and the problems of Siconos, are in
   [data_reference](../tests/python/data_reference/README.md).
+- *mode II crack*, *Jansen and Meulenbroek 2022*: [Faults](faults.md) derives both.
 - *NAFEMS, Konter 2006*: A. W. A. Konter, *Advanced Finite Element Contact Benchmarks*,
   NAFEMS, benchmark 1.
 - *ANSYS VM63*: Static Hertz Contact Problem, *ANSYS Verification Manual*; its data in the
@@ -252,6 +254,9 @@ larger than the one before by the factor 1 + 2h/a, so that h refines the whole m
 of tractions are root mean squares over the contact. Tractions end like a square root, and a mesh
 resolves the position of this end only to h: the order is 1, and 2 for the force. In space, the
 finite box reduces the force by about 5e-4, so that the last orders look better than they are.
+
+For the faults A15 and A16, a is half the length of the crack and 75 m, and the outer boundary
+carries the exact displacements of the infinite body. [Faults](faults.md) derives the orders.
 """
 
 MANUFACTURED = """\

@@ -1,5 +1,6 @@
 """Assembly: patch tests, resultants, rates of convergence, and scikit-fem's own forms."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -237,6 +238,38 @@ def test_opposite_nodes_are_found_for_any_part_of_a_surface(
     assert len(model.gap) == (16 if ends[1] == 1 else 1)
     away = model.nodes[model.contact_dofs[:, 1] // 3] - model.points
     assert abs(away).max() <= 2e-9
+
+
+def test_faces_of_a_crack_in_one_body() -> None:
+    """A slit from the left to the middle of a square; its tip stays whole."""
+    mesh = fem.box([np.linspace(0, 2, 5), np.linspace(-1, 1, 5)], "quadrilateral")
+    doubled = np.flatnonzero((mesh.p[1] == 0) & (mesh.p[0] < 1))
+    number = np.arange(mesh.p.shape[1])
+    number[doubled] = mesh.p.shape[1] + np.arange(len(doubled))
+    upper = mesh.p[1, mesh.t].mean(axis=0) > 0
+    t = np.where(upper, number[mesh.t], mesh.t)
+    mesh = skfem.MeshQuad(np.hstack([mesh.p, mesh.p[:, doubled]]), t)
+    slit = {0: (0, 1), 1: (0, 0)}
+    faces = {
+        "above": fem.surface(mesh, slit, normal=(0, -1)),
+        "below": fem.surface(mesh, slit, normal=(0, 1)),
+    }
+    rock = fem.Body("rock", fem.with_surfaces(mesh, faces), fem.Material(1.0, 0.3))
+    contact = fem.Contact("rock", "above", 0.3, against=("rock", "below"))
+    model = fem.assemble([rock], [contact])
+    np.testing.assert_array_equal(model.points, [[0, 0], [0.5, 0]])
+    np.testing.assert_array_equal(model.frame[:, 0], [[0, 1], [0, 1]])
+    np.testing.assert_array_equal(model.gap, 0)
+    np.testing.assert_allclose(model.area, [0.25, 0.5], rtol=1e-15)
+    np.testing.assert_array_equal(model.contact_dofs[:, 0] // 2, number[doubled])
+    np.testing.assert_array_equal(model.contact_dofs[:, 1] // 2, doubled)
+    # The upper part rises by 0.1: so much do the faces open.
+    u = np.zeros((len(model.nodes), 2))
+    u[number[doubled], 1] = 0.1
+    np.testing.assert_allclose((model.B @ u.ravel())[::2], 0.1, rtol=1e-15)
+    for wrong in ({"surface": "below"}, {"pairing": "mortar"}, {"pairing": "nodes"}):
+        with pytest.raises(ValueError, match="contact with itself"):
+            fem.assemble([rock], [replace(contact, **wrong)])
 
 
 def test_plane_that_is_not_a_coordinate_plane() -> None:

@@ -230,6 +230,18 @@ def test_readme_example_is_right(
     assert {int(s) for s in result.status[1]} == {bp.Status.SLIP, bp.Status.STICK}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["inclined_crack", "depleting_reservoir"])
+def test_programs_print_what_a_page_shows(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runpy.run_path(str(ROOT / "examples" / f"{name}.py"))["main"]()
+    page = (ROOT / "docs" / "faults.md").read_text("utf-8")
+    shown = re.findall(r"^```text\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    printed = capsys.readouterr().out
+    assert any(same(printed, text) for text in shown), printed
+
+
 EXCERPT = re.compile(r"^```py\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 

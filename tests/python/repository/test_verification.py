@@ -5,6 +5,7 @@ from functools import cache
 import pytest
 
 import cases.exact
+import cases.faults
 import cases.hard
 import cases.manufactured
 import cases.plane
@@ -16,11 +17,12 @@ from cases.verification import PAGE, Row
 # Cases run once for their own test and for the page, in one worker.
 pytestmark = pytest.mark.xdist_group("verification")
 MODULES = (cases.exact, cases.published, cases.hard, cases.plane, cases.space)
-for module in (*MODULES, cases.manufactured):
+for module in (*MODULES, cases.faults, cases.manufactured):
     module.CASES.update({name: cache(case) for name, case in module.CASES.items()})
 
 NUMBERS = cases.exact.CASES | cases.published.CASES | cases.hard.CASES
 REFINED = cases.plane.CASES | cases.space.CASES | cases.manufactured.CASES
+REFINED |= cases.faults.CASES
 
 
 @cache
@@ -32,6 +34,10 @@ def page() -> str:
 @pytest.mark.slow_variants("a1", "a12", "h18", "h19", "h22", "p4", "p6", "p7")
 def test_numbers(name: str) -> None:
     assert [row for row in NUMBERS[name]() if not row.holds()] == []
+
+
+def test_tractions_of_a_crack() -> None:
+    assert [row for row in cases.faults.crack_tractions() if not row.holds()] == []
 
 
 @pytest.mark.parametrize("name", sorted(REFINED))

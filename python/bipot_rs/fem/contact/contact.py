@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Never
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,6 +87,14 @@ def both(contact: Contact) -> str:
     return " and ".join(surface_names(contact))
 
 
+def refuse_itself(contact: Contact) -> Never:
+    """Raise the error of a body in contact with itself."""
+    raise ValueError(
+        f"body {contact.body!r} is in contact with itself: against must name another "
+        "body, or with pairing='match' the other face of a crack"
+    )
+
+
 def check_contact(contact: Contact, dim: int) -> None:
     """Check the arguments that do not depend on a mesh."""
     what = f"mu of the contact on {contact.surface!r}"
@@ -108,11 +117,13 @@ def check_contact(contact: Contact, dim: int) -> None:
             f"obstacle of the contact on {contact.surface!r} is {show_value(contact.obstacle)}, "
             "expected an obstacle of bipot_rs.obstacle, or an object with closest(points)"
         )
-    if contact.against is not None and contact.against[0] == contact.body:
-        raise ValueError(
-            f"body {contact.body!r} is in contact with itself: against must name another "
-            "body"
-        )
+    itself = contact.body, contact.surface
+    if contact.against == itself or (
+        contact.against is not None
+        and contact.against[0] == contact.body
+        and contact.pairing != "match"
+    ):
+        refuse_itself(contact)
     if contact.motion is not None and contact.against is not None:
         raise ValueError(
             f"motion of the contact on {contact.surface!r} was given, but "

@@ -14,7 +14,7 @@ from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs.contact.law.frames import frames, operator, turn_frames
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.bodies.numbering import NumberedBodies, NumberedBody
-from bipot_rs.fem.contact.contact import Contact, both
+from bipot_rs.fem.contact.contact import Contact, both, refuse_itself
 from bipot_rs.fem.contact.rigid import follow_obstacle, weigh_obstacle
 from bipot_rs.fem.contact.surfaces import (
     ContactSurface,
@@ -27,6 +27,9 @@ from bipot_rs.obstacle.motion import Approach
 
 if TYPE_CHECKING:
     from bipot_rs.mortar.pairs import Pairs
+
+# The faces of a crack may overlap by the digits of a mesh file, relative to the body.
+_CLOSED = 1e-7
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,8 @@ def meet(bodies: NumberedBodies, n: int, contact: Contact) -> Meeting:
         return _meet_weighted(contact, (numbered, other), (side, opposite), n)
     refuse_negative_areas(side)
     nodes, facets, body = side.nodes, side.facets, side.body
+    if other is numbered and opposite is not None:
+        nodes = np.setdiff1d(nodes, opposite.nodes)
     area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
     points, moved = body.points[nodes], None
     if other is None or opposite is None:
@@ -84,20 +89,29 @@ def meet(bodies: NumberedBodies, n: int, contact: Contact) -> Meeting:
         partner = np.full(len(nodes), -1, dtype=np.int64)
     else:
         frame = frames(-side.normals[nodes], contact.axis)
-        facing = _find_opposite(side, opposite, contact, frame)
+        facing = _find_opposite(side, nodes, opposite, contact, frame)
         partner = other.dofs[facing, 0]
         between = points - other.body.points[facing]
         gap = np.einsum("cd,cd->c", frame[:, 0], between)
+        if (
+            other is numbered
+            and gap.min() < -_CLOSED * np.ptp(body.points, axis=0).max()
+        ):
+            refuse_itself(contact)
         gap = gap + evaluate_clearance(contact, points)
     dofs = np.stack([numbered.dofs[nodes, 0], partner], axis=1)
     return Meeting(points, frame, gap, area, dofs, moved=moved)
 
 
 def _find_opposite(
-    side: ContactSurface, opposite: ContactSurface, contact: Contact, frame: Floats
+    side: ContactSurface,
+    nodes: Ints,
+    opposite: ContactSurface,
+    contact: Contact,
+    frame: Floats,
 ) -> Ints:
     """Nodes of the other body opposite to the nodes of a contact, one to one."""
-    points, theirs = side.body.points[side.nodes], opposite.nodes
+    points, theirs = side.body.points[nodes], opposite.nodes
     # Size of the whole surface: `within` may leave a single node.
     size = np.ptp(side.body.points[side.facets.corners.ravel()], axis=0).max()
     matched = match_nodes(points, opposite.body.points[theirs], frame, contact, size)
