@@ -91,8 +91,8 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
     Raises
     ------
     ValueError
-        Meshes in contact that do not match, a contact node without contact facet, normals
-        that change on a facet, or opposite quadrilaterals split along different diagonals.
+        Meshes in contact that do not match, a crack in one body, a contact node without
+        contact facet, normals that change on a facet, or opposite quadrilaterals split along different diagonals.
     """
     dim = model.dim
     first: list[tuple[int, Ints, Ints]] = []
@@ -102,6 +102,12 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
             raise ValueError(
                 f"surfaces {both(contact)} are paired by {contact.pairing!r}: the "
                 "discretisation error needs facets that match, pairing='match'"
+            )
+        if contact.against is not None and contact.against[0] == contact.body:
+            # Facets at a tip carry tractions, but the tip is no contact.
+            raise ValueError(
+                f"surfaces {both(contact)} are the faces of a crack: the discretisation "
+                "error needs contacts at all nodes of their facets"
             )
         mine = np.flatnonzero(model.group == group)
         numbered = model.numbered[contact.body]

@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem
+from bipot_rs.discretisation.contact_facets import contact_facets
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -267,6 +268,9 @@ def test_faces_of_a_crack_in_one_body() -> None:
     u = np.zeros((len(model.nodes), 2))
     u[number[doubled], 1] = 0.1
     np.testing.assert_allclose((model.B @ u.ravel())[::2], 0.1, rtol=1e-15)
+    # Its tractions beside the tip have no contact there.
+    with pytest.raises(ValueError, match="the faces of a crack: the discretisation"):
+        contact_facets(model, [])
     for wrong in ({"surface": "below"}, {"pairing": "mortar"}, {"pairing": "nodes"}):
         with pytest.raises(ValueError, match="contact with itself"):
             fem.assemble([rock], [replace(contact, **wrong)])
