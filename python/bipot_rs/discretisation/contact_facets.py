@@ -92,7 +92,8 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
     ------
     ValueError
         Meshes in contact that do not match, a crack in one body, a contact node without
-        contact facet, normals that change on a facet, or opposite quadrilaterals split along different diagonals.
+        contact facet, normals that change on a facet, or opposite quadrilaterals split
+        along different diagonals.
     """
     dim = model.dim
     first: list[tuple[int, Ints, Ints]] = []
