@@ -150,6 +150,9 @@ class ReducedSolution:
     @property
     def status(self) -> NDArray[np.int8]: ...
     @property
+    def opened(self) -> NDArray[np.bool_]:
+        """Contacts that are open by more than the tolerance."""
+    @property
     def bipotential_gap(self) -> _Floats: ...
     @property
     def rigid_motion(self) -> _Floats | None: ...
@@ -527,6 +530,8 @@ class ContactVariables:
         `(nodes, d²)`, `bodies` the body of each node, and `held` is not zero for a body with
         a support.
         """
+    def with_law(self, law: ContactLaw) -> ContactVariables:
+        """The same contacts with another law, with one coefficient of each contact."""
     @property
     def places(self) -> int:
         """Number of places."""

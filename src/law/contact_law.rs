@@ -31,6 +31,12 @@ impl ContactLaw {
         };
         mu.iter().map(law).collect()
     }
+
+    /// Whether there is neither cohesion nor dilatancy.
+    #[must_use]
+    pub fn is_coulomb(&self) -> bool {
+        self.cohesion == 0.0 && self.dilatancy == 0.0
+    }
 }
 
 /// Checks the laws of so many contacts.

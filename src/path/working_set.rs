@@ -272,6 +272,7 @@ impl<const D: usize> WorkingSetPath<D> {
                 reaction,
                 relative_displacement: v,
                 status: spread(contacts, members, &solution.status, Status::Open),
+                opened: spread(contacts, members, &solution.opened, true),
                 bipotential_gap: spread(contacts, members, &solution.bipotential_gap, 0.0),
                 iterations: spent.iterations,
                 seconds: spent.seconds,

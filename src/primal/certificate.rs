@@ -7,6 +7,7 @@
 
 use crate::error::Error;
 use crate::linalg::parallel::norm;
+use crate::linalg::small::tangential_norm;
 use crate::primal::contacts::Contacts;
 use crate::primal::engine::{Engine, Terms};
 use crate::reduced::reduced::{Reduced, Rigid};
@@ -28,16 +29,19 @@ pub struct Point<V, const D: usize> {
 }
 
 impl<V, const D: usize> Point<V, D> {
-    /// The reactions of the point as a solution: an open contact has none, one without friction
-    /// none along its tangents. The rest of these rows is imbalance.
+    /// The reactions of the point as a solution: without cohesion an open contact has none, and
+    /// one without friction none along its tangents. The rest of these rows is imbalance.
     fn reactions(&self, contacts: &Contacts<D>) -> Vec<[f64; D]> {
         let mut reactions = self.r.clone();
         for (i, (r, v)) in reactions.iter_mut().zip(&self.v).enumerate() {
             #[expect(clippy::cast_precision_loss, reason = "D is 2 or 3")]
             let mean = contacts.compliance.block(i).trace() / D as f64;
-            if mean * r[0] <= v[0] {
-                *r = [0.0; D];
-            } else if contacts.law[i].mu == 0.0 {
+            let law = &contacts.law[i];
+            let open = mean * r[0] <= v[0] - law.dilatancy * tangential_norm(v);
+            if open {
+                r[0] = 0.0;
+            }
+            if law.cohesion == 0.0 && (open || law.mu == 0.0) {
                 r[1..].fill(0.0);
             }
         }

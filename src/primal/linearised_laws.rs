@@ -5,31 +5,28 @@
 //! interface of a stiffness that is held elsewhere.
 
 use crate::law::cone::Status;
-use crate::linalg::small::{Block, Vector};
+use crate::linalg::small::Vector;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
+use crate::primal::multiplied_law::MultipliedLaw;
 use crate::primal::tangent::{SlidingTangent, Tangent};
 use crate::primal::tuning;
 use crate::solver::derivatives::tangent_system::ClosedLaw;
 
 /// The law of one closed contact, multiplied by `M`.
 #[derive(Clone, Debug)]
-struct Multiplied<const D: usize> {
+struct LawOfContact<const D: usize> {
     contact: usize,
     /// Place of its first component; nothing for a contact without an unknown.
     at: Option<usize>,
     free: [bool; D],
-    held: [bool; D],
-    multiplier: Block<D>,
-    /// `M by_r` and `M by_v` in the rows that are not held.
-    by_r: Block<D>,
-    by_v: Block<D>,
+    law: MultipliedLaw<D>,
 }
 
 /// The laws of one step, and the system of a Newton step that they have the form of.
 #[derive(Clone, Debug)]
 pub struct LinearisedLaws<const D: usize> {
-    laws: Vec<Multiplied<D>>,
+    laws: Vec<LawOfContact<D>>,
     pub statuses: Vec<Status>,
     pub tangent: Tangent<D>,
 }
@@ -40,7 +37,7 @@ impl<const D: usize> LinearisedLaws<D> {
     #[must_use]
     pub fn new(contacts: &Contacts<D>, free: &[bool], laws: &[ClosedLaw<D>]) -> Option<Self> {
         let frames = &contacts.frames;
-        let made = laws.iter().map(|law| Multiplied::new(contacts, law));
+        let made = laws.iter().map(|law| LawOfContact::new(contacts, law));
         let laws: Vec<_> = made.collect::<Option<_>>()?;
         let mut statuses = vec![Status::Open; contacts.count()];
         let mut held: Vec<bool> = free.iter().map(|free| !free).collect();
@@ -50,28 +47,21 @@ impl<const D: usize> LinearisedLaws<D> {
             }
         }
         let mut sliding = Vec::new();
-        for law in &laws {
-            let sticks = law.held == law.free && law.free.contains(&true);
-            statuses[law.contact] = if sticks { Status::Stick } else { Status::Slip };
-            let Some(at) = law.at else { continue };
+        for LawOfContact {
+            contact,
+            at,
+            free,
+            law,
+        } in &laws
+        {
+            let sticks = law.held == *free && free.contains(&true);
+            statuses[*contact] = if sticks { Status::Stick } else { Status::Slip };
+            let Some(at) = *at else { continue };
             for k in (0..D).filter(|&k| law.held[k]) {
                 held[at + k] = true;
             }
-            let rows = law.held.map(|held| !held);
-            if rows.contains(&true) {
-                let mut force = law.by_r;
-                for k in (0..D).filter(|&k| rows[k]) {
-                    force[(k, k)] -= 1.0;
-                }
-                sliding.push(SlidingTangent {
-                    contact: law.contact,
-                    at,
-                    free: law.free,
-                    rows,
-                    force,
-                    spring: law.by_v,
-                    target: Vector::zeros(),
-                });
+            if law.held != [true; D] {
+                sliding.push(SlidingTangent::of_law(*contact, at, *free, law));
             }
         }
         let known = vec![0.0; held.len()];
@@ -90,17 +80,17 @@ impl<const D: usize> LinearisedLaws<D> {
     /// Makes [`LinearisedLaws::tangent`] that of `s` of each law and `g`, and multiplies `s`.
     pub fn aim(&mut self, s: &mut [[f64; D]], g: &[f64]) {
         for (law, s) in self.laws.iter().zip(&mut *s) {
-            *s = (law.multiplier * Vector::from(*s)).into();
+            *s = (law.law.multiplier * Vector::from(*s)).into();
             let Some(at) = law.at else { continue };
-            for k in (0..D).filter(|&k| law.held[k]) {
+            for k in (0..D).filter(|&k| law.law.held[k]) {
                 self.tangent.known[at + k] = s[k];
             }
         }
         let targets = self.laws.iter().zip(&*s);
-        let targets = targets.filter(|(law, _)| law.at.is_some() && law.held != [true; D]);
+        let targets = targets.filter(|(law, _)| law.at.is_some() && law.law.held != [true; D]);
         for (one, (law, s)) in self.tangent.sliding.iter_mut().zip(targets) {
             let f = Vector::<D>::from_column_slice(&g[one.at..one.at + D]);
-            one.target = Vector::from(*s) - law.by_r * f;
+            one.target = Vector::from(*s) - law.law.by_r * f;
         }
     }
 
@@ -137,7 +127,7 @@ impl<const D: usize> LinearisedLaws<D> {
             let Some(at) = law.at else { continue };
             // A row without an unknown has w_l = ρ_l.
             let alone = Vector::<D>::from_fn(|k, _| if law.free[k] { 0.0 } else { rho[k] });
-            let (pulled, pushed) = (law.by_r.tr_mul(&alone), law.by_v.tr_mul(&alone));
+            let (pulled, pushed) = (law.law.by_r.tr_mul(&alone), law.law.by_v.tr_mul(&alone));
             for k in (0..D).filter(|&k| law.free[k]) {
                 b[at + k] = rho[k] - pulled[k];
                 e[at + k] -= pushed[k];
@@ -152,51 +142,27 @@ impl<const D: usize> LinearisedLaws<D> {
         self.tangent.add_transposed(z, moved);
         for (law, rho) in self.laws.iter().zip(rho) {
             let of = |k: usize| match law.at {
-                Some(at) if law.held[k] => e[at + k] - moved[at + k],
+                Some(at) if law.law.held[k] => e[at + k] - moved[at + k],
                 Some(at) if law.free[k] => z[at + k],
                 _ => rho[k],
             };
             let omega = Vector::<D>::from_fn(|k, _| of(k));
-            *rho = law.multiplier.tr_mul(&omega).into();
+            *rho = law.law.multiplier.tr_mul(&omega).into();
         }
     }
 }
 
-impl<const D: usize> Multiplied<D> {
+impl<const D: usize> LawOfContact<D> {
     fn new(contacts: &Contacts<D>, law: &ClosedLaw<D>) -> Option<Self> {
         let frame = &contacts.frames.list[law.position];
-        let mut by_v = law.by_v;
-        for k in (0..D).filter(|&k| !frame.free[k]) {
-            by_v.fill_column(k, 0.0);
-        }
-        let held: [bool; D] = std::array::from_fn(|k| {
-            let others = (0..D).filter(|&l| l != k);
-            let alone = others.map(|l| by_v[(k, l)].abs()).sum::<f64>() == 0.0;
-            frame.free[k] && alone && by_v[(k, k)] != 0.0 && law.by_r.row(k).amax() == 0.0
-        });
         let compliance = contacts.compliance.block(law.position).diagonal();
         #[expect(clippy::cast_precision_loss, reason = "a dimension")]
         let least = tuning::least_compliance() * compliance.sum() / D as f64;
-        let mut multiplied = law.by_r + by_v * least;
-        for k in (0..D).filter(|&k| held[k]) {
-            multiplied.fill_row(k, 0.0);
-            multiplied.fill_column(k, 0.0);
-            multiplied[(k, k)] = by_v[(k, k)];
-        }
-        let multiplier = multiplied.try_inverse()?;
-        let (mut by_r, mut by_v) = (multiplier * law.by_r, multiplier * by_v);
-        for k in (0..D).filter(|&k| held[k]) {
-            by_r.fill_row(k, 0.0);
-            by_v.fill_row(k, 0.0);
-        }
         Some(Self {
             contact: law.position,
             at: (frame.node != usize::MAX).then(|| D * frame.node),
             free: frame.free,
-            held,
-            multiplier,
-            by_r,
-            by_v,
+            law: MultipliedLaw::new(law.by_r, law.by_v, frame.free, least)?,
         })
     }
 }

@@ -6,6 +6,7 @@ use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::Status;
 use crate::path::stepping::{State, Step, incremental};
+use crate::primal::certificate::contacts_alone;
 use crate::primal::contacts::Contacts;
 use crate::primal::engine::Engine;
 use crate::primal::newton::{Begin, Errors, Newton, Reason};
@@ -96,11 +97,14 @@ pub fn advance<const D: usize, E: Engine<D>>(
             status
         }
     });
+    let reduced = contacts_alone(contacts, &judged.reaction, &point.v)?;
+    let opened = (judged.certificate).opened(&reduced, &judged.reaction, settings.tol);
     #[expect(clippy::cast_precision_loss, reason = "a count of products")]
     let work = (solved.krylov + solved.newton) as f64;
     let solution = Solution {
         bipotential_gap: gap.collect(),
         status: status.collect(),
+        opened,
         residual: judged.residual(),
         tolerance: judged.tolerance(settings.tol),
         floor: judged.floor(),

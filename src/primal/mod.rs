@@ -23,6 +23,7 @@ pub mod linearised;
 pub mod linearised_laws;
 pub mod load_step;
 pub mod local;
+pub mod multiplied_law;
 pub mod newton;
 pub mod nodes;
 pub mod own_nodes;

@@ -446,9 +446,10 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         let moved = &change.moved_at;
         let prescribed = tangent.prescribed_reactions(frames, &point.r, &change.v, moved);
         let mut r = sum(&sum(&point.r, moved), &prescribed);
-        for ((r, reaction), status) in r.iter_mut().zip(&judged.reaction).zip(statuses) {
-            if *status == Status::Open {
-                *r = [0.0; D];
+        for (i, (r, reaction)) in r.iter_mut().zip(&judged.reaction).enumerate() {
+            if statuses[i] == Status::Open {
+                let cohesive = self.contacts.law[i].cohesion > 0.0;
+                r[..if cohesive { 1 } else { D }].fill(0.0);
             }
             for (r, reaction) in r.iter_mut().zip(reaction) {
                 *r -= reaction;

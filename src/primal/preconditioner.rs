@@ -36,6 +36,7 @@ pub(super) struct Preconditioner<'p, const D: usize> {
     cycle: CycleSettings,
     /// What the parts that follow the statuses were made for.
     statuses: Vec<Status>,
+    held: Vec<bool>,
     /// The hierarchy of one body for these statuses.
     following: Option<Following>,
     /// The hierarchy of joined bodies for these statuses.
@@ -81,6 +82,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
                 ..CycleSettings::default()
             },
             statuses: Vec::new(),
+            held: Vec::new(),
             following,
             multigrid: None,
             joined,
@@ -98,11 +100,12 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         statuses: &[Status],
         stop: &AtomicBool,
     ) -> Result<(), Error> {
-        let same = self.statuses == statuses;
+        let same = self.statuses == statuses && self.held == tangent.held;
         if !same {
             // The memory of the old hierarchy serves the new one.
             self.multigrid = None;
             self.statuses = statuses.to_vec();
+            self.held.clone_from(&tangent.held);
         }
         if self.joined.is_some() {
             return self.prepare_joined(tangent, same, stop);

@@ -13,10 +13,14 @@
 //! Without the column `c = −μ t` the matrix is symmetric and positive definite; the
 //! preconditioner is made of that part.
 
+use crate::law::alart_curnier::Linearised;
 use crate::law::cone::Status;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::parallel::zero_where;
 use crate::linalg::small::{Block, Vector};
 use crate::primal::frames::Frames;
+use crate::primal::multiplied_law::MultipliedLaw;
+use crate::primal::tuning;
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::linearisation::Linearisation;
 
@@ -62,7 +66,7 @@ impl<const D: usize> Tangent<D> {
         reduced: &Reduced<D>,
         law: &Linearisation<D>,
     ) -> Self {
-        let scaling = &reduced.scaling;
+        let (scaling, least) = (&reduced.scaling, tuning::least_compliance());
         let mut held: Vec<bool> = free.iter().map(|free| !free).collect();
         let mut known = vec![0.0; held.len()];
         let mut sliding = Vec::new();
@@ -74,6 +78,25 @@ impl<const D: usize> Tangent<D> {
             // A component of the node without an unknown stands where no component of v is.
             for k in 0..D {
                 held[first + k] = !frame.free[k];
+            }
+            if !reduced.law[i].is_coulomb() {
+                let scale = scaling.to_r[i] / scaling.to_v[i];
+                let at = separate_dilation(at, &reduced.law[i]);
+                let Some(law) = MultipliedLaw::new(at.by_r, at.by_v, frame.free, least) else {
+                    continue;
+                };
+                let s = law.multiplier * at.value / -scaling.to_r[i];
+                for k in (0..D).filter(|&k| law.held[k]) {
+                    held[first + k] = true;
+                    known[first + k] = s[k] * scale;
+                }
+                if at.status != Status::Open || law.by_v.amax() > 0.0 {
+                    let mut rows = SlidingTangent::of_law(i, first, frame.free, &law);
+                    rows.spring /= scale;
+                    rows.target = s;
+                    sliding.push(rows);
+                }
+                continue;
             }
             let components = match at.status {
                 Status::Open => 0..0,
@@ -213,12 +236,38 @@ impl<const D: usize> Tangent<D> {
     }
 }
 
+/// The rows of a law, those of a contact that dilates combined so that the normal one has no
+/// reaction, `dv_n + β t·dv_t = …`, and the others no `v_n`.
+fn separate_dilation<const D: usize>(at: &Linearised<D>, law: &ContactLaw) -> Linearised<D> {
+    let mut rows = *at;
+    if law.dilatancy == 0.0 || at.status != Status::Slip {
+        return rows;
+    }
+    // by_v = (1, β t)/h in the normal row, with the direction t of the reaction, h = 1 + μβ.
+    let mut dilates = at.by_v.row(0) / at.by_v[(0, 0)];
+    let mut t = dilates.transpose() / law.dilatancy;
+    t[0] = 0.0;
+    rows.value[0] += law.dilatancy * t.dot(&at.value);
+    rows.by_r.fill_row(0, 0.0);
+    rows.by_v.set_row(0, &dilates);
+    dilates *= law.mu * at.by_v[(0, 0)];
+    let shift = law.mu * at.by_v[(0, 0)] * rows.value[0];
+    for k in 1..D {
+        rows.value[k] -= shift * t[k];
+        for l in 0..D {
+            rows.by_v[(k, l)] -= dilates[l] * t[k];
+        }
+        rows.by_v[(k, 0)] = 0.0;
+    }
+    rows
+}
+
 impl<const D: usize> SlidingTangent<D> {
     fn new(
         contact: usize,
         at: usize,
         free: [bool; D],
-        law: &crate::law::alart_curnier::Linearised<D>,
+        law: &Linearised<D>,
         to_r: f64,
         to_v: f64,
     ) -> Self {
@@ -246,15 +295,39 @@ impl<const D: usize> SlidingTangent<D> {
         }
     }
 
+    /// The rows of a multiplied law that are not held, without a target.
+    pub(super) fn of_law(
+        contact: usize,
+        at: usize,
+        free: [bool; D],
+        law: &MultipliedLaw<D>,
+    ) -> Self {
+        let rows = law.held.map(|held| !held);
+        let mut force = law.by_r;
+        for k in (0..D).filter(|&k| rows[k]) {
+            force[(k, k)] -= 1.0;
+        }
+        Self {
+            contact,
+            at,
+            free,
+            rows,
+            force,
+            spring: law.by_v,
+            target: Vector::zeros(),
+        }
+    }
+
     /// Whether a component has such a row and an unknown.
     fn unknown(&self, k: usize) -> bool {
         self.rows[k] && self.free[k]
     }
 
-    /// The symmetric part of `V` among the components with such a row.
+    /// The symmetric part of `V` among the components with such a row. Dilatancy joins the normal
+    /// to the tangents in one direction only, and its symmetric part would not be definite.
     fn symmetric_spring(&self) -> Block<D> {
         let part = Block::<D>::from_fn(|i, j| {
-            if self.unknown(i) && self.unknown(j) {
+            if self.unknown(i) && self.unknown(j) && (i == 0) == (j == 0) {
                 self.spring[(i, j)]
             } else {
                 0.0

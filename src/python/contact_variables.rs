@@ -52,6 +52,25 @@ impl<const D: usize> InterfaceVariables<D> {
         all_factors(&self.interface.contacts, self.elliptic.as_ref())
     }
 
+    /// The same contacts with other laws, in the same variables.
+    fn with_law(&self, law: &LawArrays<'_>) -> PyResult<Self> {
+        let (law, _) = law.read(D)?;
+        let interface = &*self.interface;
+        contact_law::check(&law, interface.contacts.count())?;
+        let contacts = Contacts {
+            law,
+            ..interface.contacts.clone()
+        };
+        Ok(Self {
+            interface: Arc::new(Interface {
+                contacts,
+                free: interface.free.clone(),
+                floating: interface.floating.clone(),
+            }),
+            ..self.clone()
+        })
+    }
+
     /// Changes values by places with the frames.
     fn change(
         &self,
@@ -190,6 +209,12 @@ impl PyContactVariables {
             elliptic,
             fixed,
         });
+        Ok(Self { kind })
+    }
+
+    /// The same contacts with another law, with one friction coefficient of each contact.
+    fn with_law(&self, law: LawArrays<'_>) -> PyResult<Self> {
+        let kind = map_either!(&self.kind, inner => inner.with_law(&law)?);
         Ok(Self { kind })
     }
 

@@ -50,6 +50,8 @@ pub struct Certificate<const D: usize> {
     /// `‖min(r̂_n, v̂_n)₊‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding: a contact that is open and
     /// pressed. A large μ hides it from η as it hides penetration.
     apart: f64,
+    /// `max(‖r̂‖, ‖F(0)‖)`.
+    whole: f64,
 }
 
 impl<const D: usize> Certificate<D> {
@@ -86,7 +88,19 @@ impl<const D: usize> Certificate<D> {
             penetration: ratio((norm(&below) - rounding.normal).max(0.0), whole),
             depth: ratio(norm(&below), rounding.normal / ROUNDING),
             apart: ratio((norm(&both) - rounding.plain).max(0.0), whole),
+            whole,
         }
+    }
+
+    /// Contacts without pressure that are open by more than a converged point may penetrate.
+    #[must_use]
+    pub fn opened(&self, problem: &Reduced<D>, r: &[[f64; D]], tol: f64) -> Vec<bool> {
+        let least = DEEPEST * self.tolerance(tol) * self.whole;
+        let opened = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| {
+            let lifted = problem.law[i].dilatancy * tangential_norm(v);
+            r[0] == 0.0 && (v[0] - lifted) * problem.scaling.to_v[i] > least
+        };
+        r.iter().zip(&self.v).enumerate().map(opened).collect()
     }
 
     /// The tolerance of η if the caller asks for `tol`.

@@ -19,6 +19,8 @@ pub struct Solution<const D: usize> {
     pub reaction: Vec<[f64; D]>,
     pub relative_displacement: Vec<[f64; D]>,
     pub status: Vec<Status>,
+    /// Contacts that are open by more than the tolerance.
+    pub opened: Vec<bool>,
     /// Gap of the bipotential of each contact, in units of work.
     pub bipotential_gap: Vec<f64>,
     pub rigid_motion: Vec<f64>,
@@ -108,6 +110,7 @@ impl<const D: usize> Solution<D> {
         self.reaction = whole.scatter(r);
         self.relative_displacement = whole.scatter(&certificate.v);
         self.status = whole.scatter(&status);
+        self.opened = whole.scatter(&certificate.opened(problem, r, settings.tol));
         self.bipotential_gap = whole.scatter(&gap);
         self.rigid_motion = rigid;
         self.residual = certificate.residual;

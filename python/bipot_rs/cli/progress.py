@@ -180,6 +180,8 @@ class Progress:
     def step(self, row: Record) -> None:
         """Report a solved load step."""
         status = f"open {row['open']}, slip {row['slip']}, stick {row['stick']}"
+        if "broken" in row:
+            status += f", broken {row['broken']}"
         of = "" if self.steps is None else f" of {self.steps}"
         load = ""
         if "load" in row:

@@ -35,6 +35,8 @@ class _Keywords(_OfSolve, total=False):
 
     fixed: ArrayLike | None
     area: ArrayLike | None
+    cohesion: ArrayLike | None
+    dilatancy: ArrayLike | None
     dim: int | None
     num_threads: int | None
     points: ArrayLike | None

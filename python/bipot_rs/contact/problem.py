@@ -72,6 +72,16 @@ class ContactProblem:
         Numbers of the prescribed degrees of freedom.
     area
         Tributary areas, ``(n_c,)``, for tractions.
+    cohesion
+        Cohesion ``c`` of each contact, a force: ``|r_t| <= c + mu r_n``, a number or
+        ``(n_c,)``; a stress times ``area``. A contact that is open at the start, or opens in
+        a step, loses it for good (`Result.broken`): all that open in a step break together,
+        and the step is solved again until no other opens. A contact that slips keeps it. A
+        path along which contacts break depends on its steps. At the start, contacts with a
+        gap above 1e-9 of the extent of ``points`` are open; without ``points``, above zero.
+    dilatancy
+        Dilatancy ``beta`` of each contact, from zero to ``mu``, a number or ``(n_c,)``: a
+        contact that slips opens by ``beta`` times its slip. Later steps keep this opening.
     dim
         Dimension, 2 or 3; needed only if there are no contacts.
     num_threads
@@ -188,6 +198,8 @@ class ContactProblem:
         mu: ArrayLike,
         fixed: ArrayLike | None = None,
         area: ArrayLike | None = None,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
         dim: int | None = None,
         num_threads: int | None = None,
         points: ArrayLike | None = None,
@@ -210,8 +222,21 @@ class ContactProblem:
         stiffness, operator = matrices(K, B)
         n = stiffness.shape[0]
         self.contacts = Contacts.check(
-            operator, gap=gap, mu=mu, dim=dim, area=area, points=points, frame=frame
+            operator,
+            gap=gap,
+            mu=mu,
+            cohesion=cohesion,
+            dilatancy=dilatancy,
+            dim=dim,
+            area=area,
+            points=points,
+            frame=frame,
         )
+        if working_set and not self.contacts.law.is_coulomb:
+            raise ValueError(
+                "working_set is True, expected None or False: with cohesion or dilatancy W "
+                "is formed for all contacts"
+            )
         options = StiffnessOptions.check(
             n,
             self.contacts.d,
@@ -322,7 +347,9 @@ class ContactProblem:
     ) -> ReducedProblem:
         """Reduced problem (5) of one step, from the unloaded state or from ``start``.
 
-        Its ``W`` is sparse if there are separate bodies and most of ``W`` is zero.
+        Its ``W`` is sparse if there are separate bodies and most of ``W`` is zero. Contacts
+        that are broken before the step have no cohesion in it; those that open in it keep
+        theirs.
 
         Parameters
         ----------
@@ -347,8 +374,16 @@ class ContactProblem:
         from bipot_rs.contact.path.one_step import reduce_step
 
         loads = self.loading.read_step(load, prescribed)
-        W, q, rigid = reduce_step(self.stiffness.core, self.loading, loads, start, gap)
-        return ReducedProblem(W, q, self.contacts.law.mu, rigid=rigid)
+        reduced = reduce_step(self.stiffness.core, self.loading, loads, start, gap)
+        law = reduced.law
+        return ReducedProblem(
+            reduced.W,
+            reduced.q,
+            law.mu,
+            rigid=reduced.rigid,
+            cohesion=law.cohesion,
+            dilatancy=law.dilatancy,
+        )
 
     def existence(
         self,
@@ -844,7 +879,11 @@ class ContactProblem:
             self.stiffness.options,
         )
         if mu is not None:
-            contacts = replace(contacts, law=ContactLaw.check(*contacts.shape, mu=mu))
+            law = contacts.law
+            law = ContactLaw.check(
+                *contacts.shape, mu=mu, cohesion=law.cohesion, dilatancy=law.dilatancy
+            )
+            contacts = replace(contacts, law=law)
             engine = engine.with_law(contacts.law)
         problem = PathProblem(
             contacts,

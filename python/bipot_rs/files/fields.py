@@ -57,6 +57,7 @@ OF_CONTACTS = {
     "status": Quantity("0 open, 1 slip, 2 stick"),
     "normal": Quantity("normal, from the obstacle to the body", "", GLOBAL),
     "wear_depth": Quantity("depth worn off", "length"),
+    "broken": Quantity("1 where the contact has lost its cohesion"),
 }
 # Fields of the nodes of bodies: result.pvd.
 OF_NODES = {
@@ -94,6 +95,8 @@ CONTACTS = {
     "area": Quantity("area that belongs to the contact", "area"),
     "gap": Quantity("gap at the start, positive if open", "length"),
     "mu": Quantity("friction coefficient"),
+    "cohesion": Quantity("friction force without pressure, until it breaks", "force"),
+    "dilatancy": Quantity("opening per slip"),
 }
 # Datasets of a step in /steps.
 STEPS = {
@@ -106,6 +109,8 @@ STEPS = {
     "displacement": Quantity("displacement by degrees of freedom", "length"),
     "gap": Quantity("gaps of this step, if obstacles move", "length", LOCAL),
     "wear": OF_CONTACTS["wear_depth"],
+    "broken": OF_CONTACTS["broken"],
+    "dilation": Quantity("opening at which the surfaces meet after slip", "length"),
     "frame": CONTACTS["frame"],
     "drag": Quantity(
         "displacement of the obstacle under the contact since the start",

@@ -301,6 +301,7 @@ class DistributedDerivatives:
                 _DistributedAdjoint(  # type: ignore[arg-type]
                     self.engine.operator, self.model, result, backward, u
                 ),
+                backward.rest,
             )
 
         return self._linearise(result, derive)

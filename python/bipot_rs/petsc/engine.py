@@ -144,6 +144,8 @@ class PetscEngine:
         All prescribed degrees of freedom, in the order of the caller.
     soft
         Whether a motion may be too soft for the preconditioner.
+    law
+        The law of the contacts, if it is not that of ``operator``.
     """
 
     operator: Operator
@@ -152,6 +154,7 @@ class PetscEngine:
     shape: tuple[int, int]
     soft: bool
     gap: Floats | None = None
+    law: ContactLaw | None = None
     record: SolverCounts = field(default_factory=SolverCounts)
     name = "petsc"
 
@@ -175,9 +178,9 @@ class PetscEngine:
         """The same problem with other gaps."""
         return replace(self, gap=gap)
 
-    def with_law(self, _law: ContactLaw, /) -> PetscEngine:
-        """Not needed: a problem of PETSc has one law of its contacts."""
-        raise ValueError("engine='petsc' cannot change mu: make another problem")
+    def with_law(self, law: ContactLaw, /) -> PetscEngine:
+        """The same problem with another law of its contacts."""
+        return replace(self, law=law)
 
     def with_rotation(self, _rotation: Floats, /) -> PetscEngine:
         """Not available: the frames of a problem of PETSc are those of its B."""
@@ -189,14 +192,14 @@ class PetscEngine:
 
     def path(self, at: WholeStep | None) -> PetscPath:
         """A load path that starts from a step, or from the unloaded bodies."""
+        variables = self.operator.variables
+        if self.law is not None:
+            variables = variables.with_law(self.law)
         if at is None:
-            return PetscPath(self, _core.ContactPath(self.operator.variables), None)
+            return PetscPath(self, _core.ContactPath(variables), None)
         state = at.reaction, at.relative_displacement, at.status
-        return PetscPath(
-            self,
-            _core.ContactPath(self.operator.variables, state),
-            at.computed.displacement,
-        )
+        path = _core.ContactPath(variables, state)
+        return PetscPath(self, path, at.computed.displacement)
 
     def recovery(self, _seconds: dict[str, float], _contacts: Contacts, /) -> _Recovery:
         """Steps of this engine have their displacements already."""

@@ -68,7 +68,7 @@ class ContactProblem:
     B
         Contact operator, ``(d n_c, n)``, as in `bipot_rs.ContactProblem`: a petsc4py Mat, or
         any sparse format of SciPy, the same on every rank.
-    gap, mu, area, points, frame
+    gap, mu, area, points, frame, cohesion, dilatancy
         As in `bipot_rs.ContactProblem`: of all contacts, the same on every rank.
     fixed
         Numbers of the prescribed degrees of freedom in ``K``, all of them on every rank.
@@ -109,6 +109,8 @@ class ContactProblem:
         area: ArrayLike | None = None,
         points: ArrayLike | None = None,
         frame: ArrayLike | None = None,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
         gather: int = 0,
     ) -> None:
         began = time.perf_counter()
@@ -128,7 +130,14 @@ class ContactProblem:
             if np.size(gap) == 0:
                 raise ValueError("gap has no contacts, and engine='petsc' needs some")
             contacts = Contacts.check(
-                operator, gap=gap, mu=mu, area=area, points=points, frame=frame
+                operator,
+                gap=gap,
+                mu=mu,
+                cohesion=cohesion,
+                dilatancy=dilatancy,
+                area=area,
+                points=points,
+                frame=frame,
             )
             return Arguments(
                 contacts,

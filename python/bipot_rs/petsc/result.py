@@ -100,6 +100,9 @@ class Result(result.Result):
         gap: ArrayLike | None = None,
         mu: ArrayLike | None = None,
         K: PetscMat | None = None,
+        *,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
     ) -> Tangent:
         """Directional derivative, as `bipot_rs.Result.jvp`. All ranks call it.
 
@@ -107,7 +110,7 @@ class Result(result.Result):
         ----------
         load
             A Vec or a list of them.
-        prescribed, gap, mu
+        prescribed, gap, mu, cohesion, dilatancy
             As in `bipot_rs.Result.jvp`, the same on every rank.
         K
             A symmetric Mat with the layout of K.
@@ -124,7 +127,15 @@ class Result(result.Result):
         TypeError, ValueError, NotDifferentiableError
             As `bipot_rs.Result.jvp`.
         """
-        return super().jvp(load, prescribed, gap, mu, K=K)  # type: ignore[arg-type]
+        return super().jvp(
+            load,  # type: ignore[arg-type]
+            prescribed,
+            gap,
+            mu,
+            K=K,  # type: ignore[arg-type]
+            cohesion=cohesion,
+            dilatancy=dilatancy,
+        )
 
     def vjp(  # type: ignore[override]
         self,

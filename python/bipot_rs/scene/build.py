@@ -185,6 +185,8 @@ def make_contacts(scene: Scene, motions: Mapping[str, Motion | None]) -> list[Co
             Contact(
                 *split(c.on),
                 mu=c.mu,
+                cohesion=c.cohesion,
+                dilatancy=c.dilatancy,
                 plane=(c.plane.point, c.plane.normal) if c.plane else None,
                 against=split(c.other) if c.other else None,
                 clearance=c.clearance.at,

@@ -270,6 +270,7 @@ class Model:
         """Add contact of the nodes of a surface.
 
         ``mu`` is one number, or in three dimensions two: along ``axis`` and across it.
+        ``cohesion`` is a stress, ``dilatancy`` a number up to ``mu``.
         The obstacle is either ``plane``, a table of ``point`` and ``normal``, or
         ``against``, the name of an obstacle or of a surface of another body. ``pairing``
         is ``"match"``, or for meshes that do not match ``"mortar"`` or ``"nodes"``.

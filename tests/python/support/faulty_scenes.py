@@ -39,6 +39,22 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
         ],
     ),
     (["contact.1.mu=0.1"], ["--set contact.1.mu: contact is a list of 1 entry"]),
+    (
+        ["contact.0.cohesion=-1.0"],
+        ["contact.0.cohesion: should be greater than or equal to 0, got -1"],
+    ),
+    (
+        ["contact.0.dilatancy=9.0"],
+        ["contact.0.dilatancy: should be at most mu, which is"],
+    ),
+    (
+        [
+            "contact.0.mu=[0.3,0.2]",
+            "contact.0.axis=[1.0,0.0,0.0]",
+            "contact.0.cohesion=1.0",
+        ],
+        ["contact.0.cohesion: needs one number in mu, got two"],
+    ),
     (["mesh.n"], ["--set mesh.n: should be KEY=VALUE"]),
     (["mesh.n.k=3"], ["--set mesh.n.k: mesh.n is not a table"]),
     (

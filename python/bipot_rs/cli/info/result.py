@@ -29,7 +29,7 @@ def summarise(path: Path) -> dict[str, object]:
         There is no file, or it is not a result.
     """
     from bipot_rs.contact.results.saved_result import load
-    from bipot_rs.contact.results.tables import make_row
+    from bipot_rs.contact.results.tables import BROKEN, make_row
     from bipot_rs.files.export import read_result
 
     if not path.exists():
@@ -104,13 +104,15 @@ def summarise(path: Path) -> dict[str, object]:
             row = rows[k]
             if k > before + 1:
                 lines.append(f"  ...       {count_noun(k - before - 1, 'load step')}")
+            counts = {
+                name: row[name] for name in (*STATUS_NAMES, BROKEN) if name in row
+            }
+            listed = ", ".join(f"{name} {count}" for name, count in counts.items())
             lines.append(
-                f"  load step {k + 1} of {whole}{reached}: open {row['open']}, slip "
-                f"{row['slip']}, stick {row['stick']}, normal force "
+                f"  load step {k + 1} of {whole}{reached}: {listed}, normal force "
                 f"{result[k].reaction[:, 0].sum():.5g}"
             )
-        last = rows[-1]
-        summary["last"] = {name: last[name] for name in STATUS_NAMES}
+            summary["last"] = counts
     return summary | {"lines": lines}
 
 

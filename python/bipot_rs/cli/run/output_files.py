@@ -30,7 +30,7 @@ Reached = tuple[dict[str, Any], "Step"]
 def contacts(case: Case) -> dict[str, AnyArray]:
     """Arrays of ``/contacts``."""
     model = case.model
-    return {
+    arrays: dict[str, AnyArray] = {
         "x": model.points,
         "normal": model.frame[:, 0],
         "area": model.area,
@@ -38,6 +38,8 @@ def contacts(case: Case) -> dict[str, AnyArray]:
         "mu": model.mu,
         "frame": model.frame,
     }
+    numbers = {"cohesion": model.cohesion, "dilatancy": model.dilatancy}
+    return arrays | {name: value for name, value in numbers.items() if value.any()}
 
 
 # Statistics of a problem that the file keeps.

@@ -64,6 +64,11 @@ class ContactLaw:
                 )
         return law
 
+    @property
+    def is_coulomb(self) -> bool:
+        """Whether there is neither cohesion nor dilatancy."""
+        return self.cohesion is None and self.dilatancy is None
+
     def arrays(self) -> dict[str, Floats]:
         """Arrays by the names of `Result.contacts`, for files and for comparison."""
         numbers = {

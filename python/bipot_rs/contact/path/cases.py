@@ -58,8 +58,9 @@ def solve_cases(
     paths = _for_each(cases, begin_paths(sum(map(len, totals))))
     parts = zip(paths, totals, strict=True)
     direct = [path.path.core for path in paths if isinstance(path.path, DirectPath)]
-    if len(direct) < len(paths) or any(map(has_frames, paths, totals)):
-        # Each linear system uses all threads; frames change from step to step.
+    changing = any(path.has_memory for path in paths)
+    if len(direct) < len(paths) or changing or any(map(has_frames, paths, totals)):
+        # Each linear system uses all threads; frames or laws change from step to step.
         return [path.solve_all(steps) for path, steps in parts]
     plain = [
         [(f, u, None if gap is None else list_components(gap)) for f, u, gap in steps]

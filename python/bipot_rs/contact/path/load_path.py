@@ -18,6 +18,7 @@ from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as motion
 from bipot_rs.contact.messages.remarks import ProblemRemarks
+from bipot_rs.contact.path.bond import Bond
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import (
     REPLACED,
@@ -133,7 +134,8 @@ class PathSolver:
             raise ValueError(NO_FRAME)
         # Whether the direct engine took over from the one that was chosen.
         self._replaced = self.before is not None and REPLACED in self.before.stats
-        self._engine = engine.replacement(CONTINUED) if self._replaced else engine
+        # With the law of the path; `_engine` has what is left of the cohesion.
+        self._whole = engine.replacement(CONTINUED) if self._replaced else engine
         self._first = count_steps(start)
         self.steps: list[Step] = []
         self.rewind()
@@ -143,6 +145,8 @@ class PathSolver:
         """Set the core to the state after the last step."""
         at = self._last_step()
         self._last = None if at is None else at.relative_displacement
+        self._bond = Bond.begin(self._contacts, at)
+        self._engine = self._weaken(self._whole)
         held = self._problem.held
         if held is not None and at is not None:
             u = at.computed.displacement
@@ -151,6 +155,16 @@ class PathSolver:
         self.path = self._engine.path(at)
         # Whether `path` is in other frames than those of B.
         self._turned: Floats | None = None
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether contacts may break or dilate: steps then change the problem."""
+        return self._bond.broken is not None or self._bond.dilation is not None
+
+    def _weaken(self, engine: Engine) -> Engine:
+        """The engine with the cohesion that is left."""
+        weakened = self._bond.weakened
+        return engine if weakened is self._contacts.law else engine.with_law(weakened)
 
     def _last_step(self) -> Step | None:
         """The last step."""
@@ -210,13 +224,54 @@ class PathSolver:
         began = time.perf_counter()
         try:
             offsets = self._turn_to_frames(gap)
-            step = self.path.step(load, prescribed, offsets, self._settings)
+            step = self._solve_and_break(load, prescribed, offsets)
         finally:
             self._seconds["solve"] += time.perf_counter() - began
         if self.path.engine.name != self._engine.name:
             # The direct engine replaced the iterative one, for the rest of the path.
-            self._engine, self._replaced = self._engine.replacement(), True
+            self._whole, self._replaced = self._whole.replacement(), True
+            self._engine = self._weaken(self._whole)
         return self._complete(step, load, prescribed, gap)
+
+    def _solve_and_break(
+        self, load: Floats, prescribed: Floats, gap: Floats | None
+    ) -> Step:
+        """Solve a step; contacts that open lose their cohesion, until no other opens.
+
+        Each time all of them break together, and the step is solved again from the solution
+        before. Its relative displacements are replaced by those at the start of the step,
+        from which slip counts.
+        """
+        before, left = self._bond, self._settings
+        gap = before.shift(gap, self._contacts.gap_by_component)
+        step = self.path.step(load, prescribed, gap, left)
+        spent = step
+        while step.converged:
+            bond = self._bond.break_opened(before.unshift(step))
+            if bond is self._bond:
+                break
+            self._bond = bond
+            history = self._last
+            if history is None:
+                history = np.zeros_like(step.relative_displacement)
+            at = replace(step, relative_displacement=history)
+            self.path = self.path.engine.with_law(bond.weakened).path(at)
+            self._engine = self._weaken(self._whole)
+            left = _subtract_spent(self._settings, spent)
+            step = self.path.step(load, prescribed, gap, left)
+            spent = replace(
+                step,
+                iterations=spent.iterations + step.iterations,
+                work=spent.work + step.work,
+                seconds=spent.seconds + step.seconds,
+            )
+        bond, step = self._bond, before.unshift(spent)
+        return replace(
+            step,
+            broken=bond.broken,
+            dilation=bond.grow(step).dilation,
+            remarks=bond.describe_breaking(before),
+        )
 
     def _complete(
         self,
@@ -227,12 +282,13 @@ class PathSolver:
     ) -> Step:
         """Add loads, tractions and the problem to a step of the engine."""
         offsets = None if gap is None else list_components(gap)
+        solved_gap = self._bond.shift(offsets, self._contacts.gap_by_component)
         engine, turned = self.path.engine, self._turned
         if turned is not None:
             # A step keeps no rotated W: it is made again for questions about the step.
             engine = self._engine
-        elif offsets is not None:
-            engine = engine.with_gap(offsets)
+        elif solved_gap is not None:
+            engine = engine.with_gap(solved_gap)
         moving = gap if isinstance(gap, MovingGaps) else None
         recovery = engine.recovery(self._seconds, self._contacts)
         problem, computed = self._problem, step.computed
@@ -248,7 +304,9 @@ class PathSolver:
             self._settings,
             self._contacts,
             problem.restored,
-            None if turned is None or offsets is None else StepFrames(turned, offsets),
+            None
+            if turned is None or solved_gap is None
+            else StepFrames(turned, solved_gap),
         )
         return replace(
             step,
@@ -276,6 +334,8 @@ class PathSolver:
         """Add a converged step to the path."""
         self.steps.append(step)
         self._last = step.relative_displacement
+        if self._bond.dilation is not None:
+            self._bond = replace(self._bond, dilation=step.dilation)
 
     def make_failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
         """Make the error of a step that did not converge."""
@@ -309,7 +369,10 @@ class PathSolver:
             seconds=self._seconds,
             success=success,
             message=f"{count} converged" if message is None else message,
-            remarks=problem.remarks.add_path(self.steps, self._contacts.x),
+            remarks=(
+                *problem.remarks.add_path(self.steps, self._contacts.x),
+                *_list_remarks(self.steps, self._first),
+            ),
             stiffness_rtol=None if restored is None else restored.digits.rtol,
             rigid_motions_off=None if restored is None else restored.off,
             first_step=self._first,
@@ -371,6 +434,26 @@ class PathSolver:
             frame=self._contacts.frame if moving is None else moving.frame,
             bodies=meeting,
         )
+
+
+def _subtract_spent(settings: Settings, spent: Step) -> Settings:
+    """What the limits of a step leave for the rest of it."""
+    iterations, seconds = settings.max_iterations, settings.max_seconds
+    return settings._replace(
+        max_iterations=None
+        if iterations is None
+        else max(iterations - spent.iterations, 0),
+        max_seconds=None if seconds is None else max(seconds - spent.seconds, 0.0),
+    )
+
+
+def _list_remarks(steps: Sequence[Step], first: int) -> list[str]:
+    """The remarks of load steps, each with the number of its step."""
+    return [
+        f"load step {first + k + 1}: {remark}"
+        for k, step in enumerate(steps)
+        for remark in step.remarks
+    ]
 
 
 @dataclass(frozen=True, eq=False)

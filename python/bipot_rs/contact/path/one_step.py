@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import CsrMatrix, Floats
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.frames import find_rotation
+from bipot_rs.contact.path.bond import Bond
 from bipot_rs.contact.path.load_path import NO_FRAME, find_start
 from bipot_rs.contact.path.load_steps import Loading, Loads
 from bipot_rs.contact.path.moving_gaps import (
@@ -24,11 +26,12 @@ if TYPE_CHECKING:
 
 
 class StepArguments(NamedTuple):
-    """``W``, ``q`` and ``rigid`` of a `ReducedProblem`."""
+    """``W``, ``q``, ``rigid`` and the law of a `ReducedProblem`."""
 
     W: Floats | CsrMatrix
     q: Floats
     rigid: tuple[Floats, Floats] | None
+    law: ContactLaw
 
 
 def reduce_step(
@@ -46,16 +49,19 @@ def reduce_step(
     q, modes, force = core.free_part(*loads)
     if before is not None:
         q[:, 1:] -= before.relative_displacement[:, 1:]
+    bond = Bond.begin(loading.contacts, before)
+    if bond.dilation is not None:
+        q[:, 0] -= bond.dilation
     rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
     blocks = core.sparse_compliance()
     if blocks is None:
-        return StepArguments(core.compliance(), q, rigid)
+        return StepArguments(core.compliance(), q, rigid, bond.weakened)
     from scipy.sparse import bsr_array
 
     first, columns, values = blocks
     entries = values.reshape(-1, d, d), columns, first
     W = bsr_array(entries, shape=(d * contacts, d * contacts)).tocsr()
-    return StepArguments(W, q, rigid)
+    return StepArguments(W, q, rigid, bond.weakened)
 
 
 def _place(

@@ -461,7 +461,7 @@ class PreparedStiffness:
                 *self._arguments(),
                 self._loads,
                 options.memory_limit,
-                options.working_set,
+                options.working_set if self._contacts.law.is_coulomb else False,
                 before,
                 None if on_forecast is None else tell,
                 options.kinematics,

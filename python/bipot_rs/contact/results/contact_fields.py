@@ -49,6 +49,7 @@ def make_contact_fields(
         "gap": step.relative_displacement[:, :1].ravel(),
         "status": step.status,
         "wear_depth": step.wear,
+        "broken": None if step.broken is None else step.broken.astype(np.int8),
     }
     if area is not None:
         arrays["pressure"] = step.reaction[:, :1].ravel() / area

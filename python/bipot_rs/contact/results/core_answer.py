@@ -24,6 +24,7 @@ def make_step(core: _core.LoadStep) -> Step:
     return Step(
         **_fields(core.solution),
         slip=core.slip,
+        opened=core.solution.opened,
         working_set=core.working_set,
         working_motion=core.working_motion,
     )
@@ -37,6 +38,7 @@ def make_newton_step(core: _core.NewtonStep, displacement: Floats, kind: type[S]
     return kind(
         **_fields(core.solution, newton=core.newton, krylov=core.krylov),
         slip=core.slip,
+        opened=core.solution.opened,
         computed=Computed(displacement, error_estimate=core.error_estimate),
     )
 

@@ -114,6 +114,8 @@ class Gradient:
         As ``mu`` of the problem, ``(n_c,)`` or ``(n_c, 2)``. Where it is zero, the
         derivative holds for friction that begins, with equal coefficients; it is zero
         where the contact does not slip.
+    cohesion, dilatancy : (n_c,)
+        Broken contacts stay broken, and others stay whole.
     one_sided : (steps, n_c)
         Contacts on a border between two statuses, where only one-sided derivatives exist.
         The gradient is then an element of the generalised gradient: the one with every
@@ -130,8 +132,12 @@ class Gradient:
         mu: Floats,
         one_sided: Bools,
         adjoint: Adjoint,
+        rest: Floats | None = None,
     ) -> None:
         self.result = result
+        if rest is None:
+            rest = np.zeros((gap_by_component.shape[1], 2))
+        self.cohesion, self.dilatancy = rest.T.copy()
         self.gap = gap
         self.gap_by_component = gap_by_component
         self.mu = mu
@@ -259,6 +265,8 @@ class DataChange(NamedTuple):
     gap: ArrayLike | None
     mu: ArrayLike | None
     K: Any
+    cohesion: ArrayLike | None = None
+    dilatancy: ArrayLike | None = None
 
 
 class Cotangents(NamedTuple):

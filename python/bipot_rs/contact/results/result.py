@@ -215,6 +215,13 @@ class Result(Sequence[Step]):
         return self._stack("status", (0, self.shape[0]), np.int8)
 
     @property
+    def broken(self) -> Bools:
+        """Contacts that have lost their cohesion, ``(steps, n_c)``; none without cohesion."""
+        none = np.zeros(self.shape[0], np.bool_)
+        rows = [none if step.broken is None else step.broken for step in self.steps]
+        return np.stack(rows) if rows else np.empty((0, self.shape[0]), np.bool_)
+
+    @property
     def displacement(self) -> Floats:
         """Displacement of all degrees of freedom, ``(steps, n)``, computed on first use."""
         recover_displacements(self.steps)
@@ -305,15 +312,17 @@ class Result(Sequence[Step]):
         mu: ArrayLike | None = None,
         *,
         K: MatrixLike | None = None,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
     ) -> Tangent:
         """Exact derivatives of the whole path in a direction of its data (33).
 
         Each argument is a change of the quantity of that name, shaped as in
         `ContactProblem`: the default is zero. A single row is the change in all steps.
         ``K`` is a symmetric change of the stiffness, ``(n, n)``, sparse or dense. The state
-        of ``start`` does not change. Each step costs one factorisation of the system of its
-        closed contacts; ``K`` is not factored again. The result keeps these factors for
-        further derivatives if they need at most 256 MiB.
+        of ``start`` does not change, and the same contacts break. Each step costs one
+        factorisation of the system of its closed contacts; ``K`` is not factored again. The
+        result keeps these factors for further derivatives if they need at most 256 MiB.
 
         If contacts are on a border between two statuses (`Tangent.one_sided`), the result
         is the directional derivative there: it is not linear in the direction.
@@ -348,7 +357,7 @@ class Result(Sequence[Step]):
         >>> tangent.reaction[0, 0].round(9), tangent.slip[0, 0].round(9)
         (array([  0., -10.]), array([-0.01]))
         """
-        change = DataChange(load, prescribed, gap, mu, K)
+        change = DataChange(load, prescribed, gap, mu, K, cohesion, dilatancy)
         return self._differentiable().jvp(self, change)
 
     def vjp(
@@ -583,16 +592,18 @@ class Result(Sequence[Step]):
             ``"steps"``: a row for each load step. Columns are those of ``steps.csv`` of the
             command line: ``step`` from 0, ``load``, the load parameter, which is ``step +
             1`` for a path of arrays; the numbers of contacts ``open``, ``slip`` and
-            ``stick``; ``normal_force``, ``tangential_force`` and ``friction_used`` (NaN if
-            nothing presses), for several surfaces with `` of body.surface``, if the frames
-            of the contacts are known; ``residual``, ``iterations``, ``seconds``; with wear
-            ``cycle``, ``worn_volume`` and ``largest_depth``.
+            ``stick``, with cohesion also ``broken``; ``normal_force``, ``tangential_force``
+            and ``friction_used`` (NaN if nothing presses), for several surfaces with
+            `` of body.surface``, if the frames of the contacts are known; ``residual``,
+            ``iterations``, ``seconds``; with wear ``cycle``, ``worn_volume`` and
+            ``largest_depth``.
 
             ``"contacts"``: a row for each contact in each step. Columns are ``step``,
             ``contact``, ``surface``, ``x``, ``y``, ``z``, ``area``, ``mu``, ``status``
             (``"open"``, ``"slip"`` or ``"stick"``), and components ``_n``, ``_t1``, ``_t2``
             of ``reaction``, ``traction``, ``relative_displacement`` and ``slip``, as in
-            `Step`; with wear ``wear``. Columns of unknown data are left out.
+            `Step`; with cohesion ``broken``, with wear ``wear``. Columns of unknown data are
+            left out.
 
         Raises
         ------

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.copies import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.messages import count_noun
-from bipot_rs._lib.types import Floats, Ints, MatrixLike
+from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.results import error_bound, summary
@@ -413,6 +413,17 @@ class Step(Solution):
     wear, cycle
         Depth worn off each contact until the end of the step, ``(n_c,)``, and number of the
         cycle (`ContactProblem.wear`); else ``None``.
+    broken
+        Contacts that have lost their cohesion until the end of the step, ``(n_c,)``; ``None``
+        for a problem without cohesion.
+    dilation
+        Opening at which the surfaces meet after the step, because dilatancy has lifted them,
+        ``(n_c,)``; ``None`` for a problem without dilatancy.
+    opened
+        Contacts that are open by more than the tolerance, ``(n_c,)``; ``None`` in a result
+        that was read from a file.
+    remarks
+        Sentences about the step: contacts that broke.
     recovery
         What computes the displacements; ``None`` if the problem is not available.
     from_state
@@ -432,6 +443,10 @@ class Step(Solution):
     working_motion: Floats | None = None
     wear: Floats | None = None
     cycle: int | None = None
+    broken: Bools | None = None
+    dilation: Floats | None = None
+    opened: Bools | None = None
+    remarks: tuple[str, ...] = ()
     recovery: Recovery | None = None
     from_state: bool = False
 

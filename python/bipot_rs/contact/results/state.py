@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import floats, vectors
 from bipot_rs.contact.law.status import Outcome, Status
 from bipot_rs.contact.results.solution import Step
@@ -44,6 +44,12 @@ class State:
     relative_displacement
         ``B u⁰ + gap``, ``(n_c, d)``, normal first: the opening ``u_n⁰ + h₀``, and the
         tangential position from which slip is measured.
+    broken
+        Contacts that have lost their cohesion, ``(n_c,)`` booleans. The default are those
+        that are open: ``r_n = 0`` and an opening above zero.
+    dilation
+        Openings at which the surfaces meet, because dilatancy has lifted them, ``(n_c,)``;
+        the default is zero.
 
     Raises
     ------
@@ -67,17 +73,38 @@ class State:
     array([[0.]])
     """
 
-    __slots__ = ("reaction", "relative_displacement")
+    __slots__ = ("broken", "dilation", "reaction", "relative_displacement")
 
     reaction: Floats
     relative_displacement: Floats
+    broken: Bools | None
+    dilation: Floats | None
 
     def __init__(
-        self, *, reaction: ArrayLike, relative_displacement: ArrayLike
+        self,
+        *,
+        reaction: ArrayLike,
+        relative_displacement: ArrayLike,
+        broken: ArrayLike | None = None,
+        dilation: ArrayLike | None = None,
     ) -> None:
         self.reaction = vectors("reaction", reaction)
         self.relative_displacement = floats(
             "relative_displacement", relative_displacement, shape=self.reaction.shape
+        )
+        contacts = len(self.reaction)
+        self.broken = None
+        if broken is not None:
+            self.broken = np.array(broken)
+            if self.broken.shape != (contacts,) or self.broken.dtype != np.bool_:
+                raise ValueError(
+                    f"broken has shape {self.broken.shape} and type {self.broken.dtype}, "
+                    f"expected ({contacts},) booleans"
+                )
+        self.dilation = (
+            None
+            if dilation is None
+            else floats("dilation", dilation, shape=(contacts,))
         )
         normal = self.reaction[:, 0]
         if (normal < -_TENSION * np.abs(self.reaction).max(initial=0.0)).any():
@@ -110,5 +137,7 @@ class State:
             iterations=0,
             work=0.0,
             slip=np.zeros((len(status), self.reaction.shape[1] - 1)),
+            broken=self.broken,
+            dilation=self.dilation,
             from_state=True,
         )

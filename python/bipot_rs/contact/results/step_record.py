@@ -36,6 +36,8 @@ _WRITTEN = (
     "working_motion",
     "wear",
     "cycle",
+    "broken",
+    "dilation",
 )
 
 
@@ -107,12 +109,18 @@ def read_step(
         worn = np.asarray(record["wear"])
         if worn.shape != (contacts,) or not np.isfinite(worn).all():
             raise ValueError(f"wear is wrong, expected ({contacts},) finite numbers")
+    if "broken" in record and np.shape(record["broken"]) != (contacts,):
+        raise ValueError(f"broken is wrong, expected ({contacts},) values")
+    if "dilation" in record:
+        floats("dilation", record["dilation"], shape=(contacts,))
     _check_working_set(record, contacts)
     status = record["status"]
     if not np.isin(status, list(Status)).all():
         raise ValueError("status is wrong, expected 0, 1 or 2 for each contact")
     written = {name: record[name] for name in _WRITTEN if name in record}
     written["outcome"] = Outcome(written["outcome"])
+    if "broken" in written:
+        written["broken"] = np.asarray(written["broken"]).astype(np.bool_)
     counts = ("bytes_beside_W", "newton", "krylov", "replaced")
     written["stats"] = {name: int(record[name]) for name in counts if name in record}
     computed = Computed(displacement=record.get("displacement"))

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from bipot_rs.contact.results.contact_data import ContactArrays
 
 COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
+# Number of contacts that have lost their cohesion.
+BROKEN = "broken"
 # Columns of a cycle of wear.
 WEAR = ("cycle", "worn_volume", "largest_depth")
 # Columns of each contact surface. A curved surface also has COMPONENTS.
@@ -32,10 +34,12 @@ def make_row(k: int, parameter: float | None, step: Step) -> dict[str, float | N
     status = {
         name: int((step.status == k).sum()) for k, name in enumerate(STATUS_NAMES)
     }
+    broken = {} if step.broken is None else {BROKEN: int(step.broken.sum())}
     return {
         "step": k,
         **load,
         **status,
+        **broken,
         "residual": step.residual,
         "iterations": step.iterations,
         "seconds": step.seconds,
@@ -79,6 +83,7 @@ def list_columns(
     names = rows[0] if rows else ("load",)
     forces = [key for key in names if key.startswith((*FORCES, *COMPONENTS))]
     first = [name for name in COLUMNS[:5] if name != "load" or name in names]
+    first += [BROKEN] if BROKEN in names else []
     return [*first, *forces, *COLUMNS[5:], *more]
 
 
@@ -154,8 +159,10 @@ def list_contacts(
         columns = parts[1:] if name == "slip" else parts
         stacked = np.concatenate(values)
         every |= {f"{name}_{part}": stacked[:, k] for k, part in enumerate(columns)}
-    if all(step.wear is not None for step in steps):
-        every["wear"] = np.concatenate([np.asarray(step.wear) for step in steps])
+    for name in (BROKEN, "wear"):
+        values = [getattr(step, name) for step in steps]
+        if all(value is not None for value in values):
+            every[name] = np.concatenate(values)
     return every
 
 

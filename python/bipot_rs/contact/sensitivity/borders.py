@@ -96,6 +96,16 @@ def find_borders(
     slope = D.min(axis=1)
     aside = left * slope / np.hypot(1.0, slope)
     limit = (aside <= near) & (left <= (1.0 - _USED) * r[:, 0])
+    cohesion = point.limit[0] * root
+    sticky = cohesion > 0
+    if sticky.any():
+        mu = point.friction[:, 0]
+        most = cohesion + mu * r[:, 0]
+        left = most - np.linalg.norm(r[:, 1:], axis=1)
+        of_cohesion = (left / np.hypot(1.0, mu) <= near) & (
+            left <= (1.0 - _USED) * most
+        )
+        limit, rough = np.where(sticky, of_cohesion, limit), rough | sticky
     touching = movable & (np.maximum(r[:, 0], opening) <= near)
     still = slip <= near
     return Borders(

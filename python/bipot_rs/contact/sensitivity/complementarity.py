@@ -86,6 +86,7 @@ class BorderProblem:
         laws.by_r[place] = springs[:, None, None] * np.eye(d)
         laws.by_v[place] = np.eye(d)
         laws.by_mu[place] = 0.0
+        laws.by_rest[place] = 0.0
         made = self.linear.system(laws)
         right = make_right_side(laws, self.of)
         self.base = made.solve(right, -self.of.balance)

@@ -26,7 +26,9 @@ def differentiate_step(linear: LinearisedStep, of: StepChange) -> tuple[Floats, 
         A friction coefficient that is zero decreases.
     """
     point, direction = linear.point, linear.direction
+    linear.refuse_borders(linear.borders.any)
     smooth = (point.friction[:, 0] == 0) & (point.reaction[:, 0] > 0)
+    smooth &= point.is_coulomb
     if smooth.any():
         direction = _find_friction_direction(linear, smooth, direction, of.friction)
     if linear.borders.any.any():

@@ -38,6 +38,8 @@ class Backward:
         self._reactions = np.zeros((steps, *shape))
         self._amounts = np.zeros((steps, path.response.motions))
         self.mu = np.zeros_like(path.mu)
+        # By cohesion and dilatancy.
+        self.rest = np.zeros((shape[0], 2))
         self._go_backward(
             np.zeros((steps, *shape)) if reaction is None else reaction,
             relative_displacement,
@@ -50,11 +52,19 @@ class Backward:
         path = self._path
         # Cotangent of the tangential displacement that the step after this one starts from.
         carried = np.zeros((path.shape[0], path.shape[1] - 1))
+        # Cotangent of the opening to which this step has lifted the contacts.
+        lifted = np.zeros(path.shape[0])
+        # With two coefficients there is neither cohesion nor dilatancy.
+        one = path.mu.ndim == 1
         for k in reversed(range(len(path.steps))):
             v = np.zeros(path.shape) if moved is None else moved[k].copy()
             v[:, 1:] += carried
+            slope, length = path.dilation[k]
+            of_slip = slope * lifted[:, None]
+            self.rest[:, 1] += length * lifted * one
             if slip is not None:
-                v[:, 1:] += slip[k]
+                of_slip = of_slip + slip[k]
+            v[:, 1:] += of_slip
             system = path.linear(k).adjoint()
             q, e = self._find_free_part(k, v)
             w, b = system.solve_transposed(reaction[k] + q, e)
@@ -66,7 +76,9 @@ class Backward:
             self._reactions[k] = -pulled if k in self._forces else v - pulled
             self._amounts[k] = -b
             self.mu += rubbed
-            carried = pulled[:, 1:] if slip is None else pulled[:, 1:] - slip[k]
+            self.rest += system.laws.adjoint_rest(w) * one
+            carried = pulled[:, 1:] - of_slip
+            lifted = lifted + pulled[:, 0]
 
     def _find_free_part(self, k: int, v: Floats) -> tuple[Floats, Floats]:
         """``W v + B K⁻¹ u`` of the cotangents, and their work on rigid motions."""
@@ -161,4 +173,5 @@ def find_gradient(path: LinearPath, result: Result, given: Cotangents) -> Gradie
         backward.mu,
         path.one_sided,
         backward,
+        backward.rest,
     )

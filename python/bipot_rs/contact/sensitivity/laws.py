@@ -7,6 +7,11 @@ derivative along ``p`` and along ``p⊥``, which is normal to it, is
     p·dρ + dr_n = 0,        ‖D s‖ p⊥·dρ + r_n p⊥·d(D s) = 0,
 
 with ``dρ = D⁻¹ (dr_t - dD ρ)``. Both stay well scaled if ``s`` or ``r_n`` is small.
+
+With cohesion ``c`` and dilatancy ``β`` there is one coefficient, ``r_t = - l p`` with the limit
+``l = c + μ r_n``, and
+
+    dv_n = β p·ds + ‖s‖ dβ,    p·dr_t + μ dr_n = - r_n dμ - dc,    ‖s‖ p⊥·dr_t + l p⊥·ds = 0.
 """
 
 from __future__ import annotations
@@ -17,6 +22,9 @@ import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.law.status import Status
+
+# A share of the cohesion below which rounding cannot hide that an open contact sticks.
+_AT_LIMIT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -33,6 +41,8 @@ class Point:
     status : (n_c,)
     friction : (n_c, d - 1)
         Coefficients along the tangents.
+    cohesion, dilatancy : (n_c,)
+        Cohesion that is left, and dilatancy; None if they are zero.
     """
 
     reaction: Floats
@@ -40,11 +50,30 @@ class Point:
     slip: Floats
     status: Ints
     friction: Floats
+    cohesion: Floats | None = None
+    dilatancy: Floats | None = None
+
+    @property
+    def limit(self) -> tuple[Floats, Floats]:
+        """Cohesion and dilatancy ``(n_c,)``, zero where there is none."""
+        zero = np.zeros(len(self.opening))
+        return (
+            zero if self.cohesion is None else self.cohesion,
+            zero if self.dilatancy is None else self.dilatancy,
+        )
+
+    @property
+    def is_coulomb(self) -> Bools:
+        """Contacts without cohesion and dilatancy."""
+        cohesion, dilatancy = self.limit
+        return np.asarray((cohesion == 0) & (dilatancy == 0))
 
 
 @dataclass(frozen=True)
 class Laws:
-    """``by_r dr + by_v dv = by_mu dD`` at some contacts, ``dv`` with the slip increment.
+    """``by_r dr + by_v dv = by_mu dD + by_rest (dc, dβ)`` at some contacts.
+
+    ``dv`` has the slip increment as its tangential part.
 
     Attributes
     ----------
@@ -52,12 +81,14 @@ class Laws:
         Numbers of the contacts; at all others ``dr = 0``.
     by_r, by_v : (m, d, d)
     by_mu : (m, d, d - 1)
+    by_rest : (m, d, 2)
     """
 
     contacts: Ints
     by_r: Floats
     by_v: Floats
     by_mu: Floats
+    by_rest: Floats
 
     def adjoint(self, w: Floats, mu: Floats) -> tuple[Floats, Floats]:
         """``Cᵀ w`` of multipliers ``w (n_c, d)``, and ``Mᵀ w`` shaped as ``mu`` (34)."""
@@ -67,6 +98,12 @@ class Laws:
         along = np.einsum("ijk,ij->ik", self.by_mu, of_contacts)
         rubbed[at] = along if mu.ndim == 2 else along.sum(axis=1)
         return pulled, rubbed
+
+    def adjoint_rest(self, w: Floats) -> Floats:
+        """Derivatives by cohesion and dilatancy, ``(n_c, 2)``, of multipliers ``w``."""
+        rest = np.zeros((len(w), 2))
+        rest[self.contacts] = np.einsum("ijk,ij->ik", self.by_rest, w[self.contacts])
+        return rest
 
 
 def find_directions(point: Point, scale: Floats) -> Floats:
@@ -100,29 +137,87 @@ def linearise_laws(point: Point, side: Ints, direction: Floats, movable: Bools) 
         Components that a reaction moves, ``(n_c, d)``. The reaction of others is kept
         where the law holds them.
     """
-    contacts = np.flatnonzero(side != Status.OPEN)
+    cohesion, _ = point.limit
+    contacts = np.flatnonzero((side != Status.OPEN) | (cohesion > 0))
     d = point.reaction.shape[1]
     by_r = np.zeros((len(contacts), d, d))
     by_v = np.zeros_like(by_r)
     by_mu = np.zeros((len(contacts), d, d - 1))
+    by_rest = np.zeros((len(contacts), d, 2))
     by_v[:, 0, 0] = 1.0
     sticks = side[contacts] == Status.STICK
+    # Cohesion holds the tangents of an open contact, or limits its shear.
+    apart = side[contacts] == Status.OPEN
+    by_v[apart, 0, 0], by_r[apart, 0, 0] = 0.0, 1.0
+    shear = _measure_length(point.reaction[contacts, 1:])
+    sticks |= apart & (shear < (1.0 - _AT_LIMIT) * cohesion[contacts])
     k = np.arange(1, d)
     by_v[np.ix_(sticks, k, k)] = np.eye(d - 1)
     slides = ~sticks
     at = contacts[slides]
-    rough = point.friction[at, 0] > 0
+    rough, coulomb = point.friction[at, 0] > 0, point.is_coulomb[at]
     parts = (by_r, by_v, by_mu)
-    for some, law in ((rough, _linearise_sliding), (~rough, _linearise_frictionless)):
+    for some, law in (
+        (coulomb & rough, _linearise_sliding),
+        (coulomb & ~rough, _linearise_frictionless),
+        (~coulomb, _linearise_limit),
+    ):
         rows = np.flatnonzero(slides)[some]
         for part, value in zip(parts, law(point, at[some], direction), strict=True):
             part[rows, 1:] = value
+    _add_rest(point, contacts, slides, direction, by_v, by_rest)
     held = ~movable[contacts] & (np.abs(by_r).max(axis=2, initial=0.0) == 0)
     by_v[held] = 0.0
     by_mu[held] = 0.0
+    by_rest[held] = 0.0
     i, k = np.nonzero(held)
     by_r[i, k, k] = 1.0
-    return Laws(contacts, by_r, by_v, by_mu)
+    return Laws(contacts, by_r, by_v, by_mu, by_rest)
+
+
+def _add_rest(
+    point: Point,
+    contacts: Ints,
+    slides: Bools,
+    direction: Floats,
+    by_v: Floats,
+    by_rest: Floats,
+) -> None:
+    """Add dilatancy, and the derivatives by cohesion and dilatancy, to sliding contacts."""
+    at = contacts[slides]
+    p, D = direction[at], point.friction[at]
+    _, dilatancy = point.limit
+    closed = by_v[slides, 0, 0] > 0
+    by_v[slides, 0, 1:] -= (closed * dilatancy[at])[:, None] * p
+    by_rest[slides, 0, 1] = closed * _measure_length(point.slip[at])
+    # The row of ``p·dρ`` of Coulomb's law is divided by μ; without friction the rows are dr_t.
+    coulomb, rough = point.is_coulomb[at], D[:, 0] > 0
+    along = np.where(coulomb & rough, 1.0 / np.where(rough, D[:, 0], 1.0), 1.0)
+    of_tangents = np.zeros_like(p)
+    of_tangents[:, 0] = along
+    of_tangents[coulomb & ~rough] = p[coulomb & ~rough]
+    by_rest[slides, 1:, 0] = -of_tangents
+
+
+def _linearise_limit(
+    point: Point, at: Ints, direction: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Tangential rows of sliding contacts with cohesion or dilatancy."""
+    r_n, s, mu = point.reaction[at, 0], point.slip[at], point.friction[at, 0]
+    p = direction[at]
+    m, tangents_of = p.shape
+    by_r = np.zeros((m, tangents_of, tangents_of + 1))
+    by_v, by_mu = np.zeros_like(by_r), np.zeros((m, tangents_of, tangents_of))
+    by_r[:, 0, 0] = mu
+    by_r[:, 0, 1:] = p
+    # A change of μ is one of both coefficients, of which each has its share.
+    by_mu[:, 0] = -r_n[:, None] * p * p
+    if tangents_of == 2:
+        across = np.stack([-p[:, 1], p[:, 0]], axis=1)
+        limit = point.limit[0][at] + mu * r_n
+        by_r[:, 1, 1:] = _measure_length(s)[:, None] * across
+        by_v[:, 1, 1:] = limit[:, None] * across
+    return by_r, by_v, by_mu
 
 
 def _linearise_sliding(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.contact.errors import NotDifferentiableError
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.sensitivity.borders import Borders
 from bipot_rs.contact.sensitivity.laws import (
@@ -31,11 +32,14 @@ class StepChange:
         ``de``.
     friction : (n_c, d - 1)
         ``dD``.
+    rest : (n_c, 2)
+        ``dc`` and ``dβ``; None for zero.
     """
 
     free: Floats
     balance: Floats
     friction: Floats
+    rest: Floats | None = None
 
 
 class LinearisedStep:
@@ -74,6 +78,7 @@ class LinearisedStep:
             It is singular, also with the contacts that just touch closed: reactions are
             then not determined beside this point.
         """
+        self.refuse_borders(self.borders.touching)
         touching = self.borders.touching & (self.point.status == Status.OPEN)
         if touching.any():
             side = self.point.status.copy()
@@ -81,6 +86,16 @@ class LinearisedStep:
             side[touching & self.borders.resting] = Status.STICK
             self.system(self.laws(side, self.direction))
         return self.reported
+
+    def refuse_borders(self, borders: Bools) -> None:
+        """Raise for contacts with cohesion or dilatancy on these borders."""
+        at = np.flatnonzero(borders & ~self.point.is_coulomb)
+        if at.size:
+            raise NotDifferentiableError(
+                f"contact {at[0]} with cohesion or dilatancy is on a border between two "
+                "statuses, where its one-sided derivatives are not derived; change the load "
+                "a little"
+            )
 
     @property
     def direction(self) -> Floats:
@@ -102,4 +117,6 @@ def make_right_side(own: Laws, of: StepChange) -> Floats:
     at = own.contacts
     moved = np.einsum("ijk,ik->ij", own.by_v, of.free[at])
     rubbed = np.einsum("ijk,ik->ij", own.by_mu, of.friction[at])
+    if of.rest is not None:
+        rubbed = rubbed + np.einsum("ijk,ik->ij", own.by_rest, of.rest[at])
     return np.asarray(rubbed - moved, np.float64)

@@ -65,16 +65,35 @@ class LinearPath:
         self.mu: Floats = np.asarray(contacts["mu"])
         self.shape = steps[0].reaction.shape
         friction = spread_friction(self.mu, self.shape[1])
-        self.points = [
-            Point(
-                step.reaction,
-                step.relative_displacement[:, 0],
-                step.slip,
-                step.status.astype(np.int64),
-                friction,
+        cohesion, dilatancy = contacts.get("cohesion"), contacts.get("dilatancy")
+        # Derivative of β ‖s‖ by the slip, and ‖s‖, of contacts that dilate in each step.
+        self.dilation: list[tuple[Floats, Floats]] = []
+        self.points: list[Point] = []
+        for step in steps:
+            length = np.linalg.norm(step.slip, axis=1)
+            length = np.where(step.status == Status.OPEN, 0.0, length)
+            slope = np.zeros_like(step.slip)
+            opening, left = step.relative_displacement[:, 0], cohesion
+            if step.dilation is not None:
+                # The surfaces met here, had this step not lifted them.
+                opening = opening - step.dilation
+            if dilatancy is not None:
+                size = np.where(length > 0, length, 1.0)
+                slope = (dilatancy * (length > 0) / size)[:, None] * step.slip
+            if cohesion is not None and step.broken is not None:
+                left = np.where(step.broken, 0.0, cohesion)
+            self.dilation.append((slope, length))
+            self.points.append(
+                Point(
+                    step.reaction,
+                    opening,
+                    step.slip,
+                    step.status.astype(np.int64),
+                    friction,
+                    left,
+                    dilatancy,
+                )
             )
-            for step in steps
-        ]
         # v, B u and the gap: two of them may cancel.
         gap = np.asarray(contacts["gap"])
         self._moved = [

@@ -74,6 +74,8 @@ class PathChange:
     ----------
     load : (steps, n), prescribed : (steps, fixed), gap : (steps, n_c, d)
     friction : (n_c, d - 1)
+    rest : (n_c, 2)
+        Of cohesion and dilatancy.
     stiffness : sparse (n, n)
     """
 
@@ -81,6 +83,7 @@ class PathChange:
     prescribed: Floats | None
     gap: Floats | None
     friction: Floats
+    rest: Floats | None
     stiffness: CsrMatrix | None
 
 
@@ -109,6 +112,7 @@ def check_changes(
         motions,
         None if gap is None else _check_gap(model, gap, steps, shape),
         spread_change("mu", change.mu, mu, shape[1]),
+        _check_rest(change, mu),
         _check_matrix(change.K, model.n),
     )
 
@@ -125,6 +129,24 @@ def spread_change(what: str, change: ArrayLike | None, mu: Floats, d: int) -> Fl
             f"{what} has shape {change_of_mu.shape}, expected a number or {mu.shape}"
         )
     return spread_friction(change_of_mu, d)
+
+
+def _check_rest(change: DataChange, mu: Floats) -> Floats | None:
+    """Changes of cohesion and dilatancy, ``(n_c, 2)``; None for zero."""
+    given = {"cohesion": change.cohesion, "dilatancy": change.dilatancy}
+    if all(value is None for value in given.values()):
+        return None
+    rest = np.zeros((len(mu), 2))
+    for k, (what, value) in enumerate(given.items()):
+        if value is not None and mu.ndim == 2:
+            raise ValueError(
+                f"{what} has a change, but mu has two coefficients of each contact, with "
+                "which there is none"
+            )
+        rest[:, k] = spread_change(what, value, mu if mu.ndim == 1 else mu[:, 0], 2)[
+            :, 0
+        ]
+    return rest
 
 
 def spread_friction(mu: Floats, d: int) -> Floats:

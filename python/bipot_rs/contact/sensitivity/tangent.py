@@ -40,17 +40,27 @@ class Forward:
     def _go_forward(self) -> None:
         path, changes = self._path, self._given
         before = np.zeros((path.shape[0], path.shape[1] - 1))
+        lifted = np.zeros(path.shape[0])
         for k in range(len(path.steps)):
             free, balance = self._find_free_part(k)
             moved = free.copy()
             moved[:, 1:] -= before
-            change = StepChange(moved, balance, changes.friction)
+            moved[:, 0] -= lifted
+            change = StepChange(moved, balance, changes.friction, changes.rest)
             self.reaction[k], self._amounts[k] = differentiate_step(
                 path.linear(k), change
             )
             self.relative_displacement[k] = self._find_displacement(k, free)
             self.slip[k] = self.relative_displacement[k, :, 1:] - before
             before = self.relative_displacement[k, :, 1:]
+            lifted = lifted + self._find_lift(k)
+
+    def _find_lift(self, k: int) -> Floats:
+        """The change of ``β ‖s‖``, by which dilatancy lifts the contacts in a step."""
+        slope, length = self._path.dilation[k]
+        lift: Floats = np.einsum("ik,ik->i", slope, self.slip[k])
+        rest = self._given.rest
+        return lift if rest is None else np.asarray(lift + length * rest[:, 1])
 
     def _find_free_part(self, k: int) -> tuple[Floats, Floats]:
         """``dq (n_c, d)`` with the change of the gap, and ``de``."""

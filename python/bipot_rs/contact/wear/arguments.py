@@ -68,6 +68,12 @@ def check_wear(
         raise ValueError(
             "area is missing: wear needs pressures, so pass area= to ContactProblem"
         )
+    for what in ("cohesion", "dilatancy"):
+        if getattr(contacts.law, what) is not None:
+            raise ValueError(
+                f"{what} is not zero, expected none: wear is not derived for contacts with "
+                f"{what}"
+            )
     coefficients = _check_coefficient(coefficient, contacts.count)
     count = integer("cycles", cycles, least=1)
     if not isinstance(jump, bool):

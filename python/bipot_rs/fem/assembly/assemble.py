@@ -72,7 +72,7 @@ def assemble(
         `Assembly.stiffness_rows` makes parts of it.
 
     A contact node whose tangential displacement is prescribed in every load step, on
-    both sides of a pair, gets ``mu = 0``: friction has no effect there.
+    both sides of a pair, gets ``mu = 0`` and no cohesion: friction has no effect there.
 
     Raises
     ------
@@ -127,7 +127,9 @@ def assemble(
     free = np.ones(n)
     free[fixed] = 0.0
     whole = B if ties is not None or bare is None else bare
-    met.mu[_without_slip(B, whole, free, met.frame, path)] = 0.0
+    stuck = _without_slip(B, whole, free, met.frame, path)
+    for numbers in (met.mu, met.cohesion, met.dilatancy):
+        numbers[stuck] = 0.0
 
     assembly = Assembly(
         numbered=numbered,
@@ -137,6 +139,8 @@ def assemble(
         B=B,
         gap=met.gap,
         mu=met.mu,
+        cohesion=met.cohesion,
+        dilatancy=met.dilatancy,
         area=met.area,
         points=met.points,
         frame=met.frame,
@@ -196,6 +200,8 @@ class _Contacts:
 
     gap: Floats
     mu: Floats
+    cohesion: Floats
+    dilatancy: Floats
     area: Floats
     points: Floats
     frame: Floats
@@ -216,11 +222,16 @@ def _stack(
     mu = pairs.reshape(-1, 2)[group]
     if all(np.ndim(c.mu) == 0 for c in contacts):
         mu = mu[:, 0].copy()
+    numbers = np.array([(c.cohesion, c.dilatancy) for c in contacts], np.float64)
+    stress, dilatancy = numbers.reshape(-1, 2)[group].T
+    area = stacked("area")
     no_dofs = np.zeros((0, 2), np.int64)
     return _Contacts(
         gap=stacked("gap"),
         mu=mu,
-        area=stacked("area"),
+        cohesion=stress * area,
+        dilatancy=dilatancy.copy(),
+        area=area,
         points=stacked("points", dim),
         frame=stacked("frame", dim, dim),
         dofs=np.concatenate([no_dofs, *(m.dofs for m in meetings)]),

@@ -100,6 +100,8 @@ class Assembly:
         Normal gap [m], tributary area [m²].
     mu : (n_c,) or (n_c, 2)
         Friction coefficient; if a contact has two, along t1 and t2.
+    cohesion, dilatancy : (n_c,)
+        Cohesion [N], and dilatancy.
     points : (n_c, d)
         Positions of the contact nodes, on ``Contact.body`` [m].
     frame : (n_c, d, d)
@@ -152,6 +154,8 @@ class Assembly:
     B: CsrMatrix
     gap: Floats
     mu: Floats
+    cohesion: Floats
+    dilatancy: Floats
     area: Floats
     points: Floats
     frame: Floats
@@ -394,6 +398,8 @@ class Assembly:
                 self.B,
                 gap=self.gap,
                 mu=self.mu,
+                cohesion=self.cohesion,
+                dilatancy=self.dilatancy,
                 fixed=self.fixed,
                 area=self.area,
                 dim=self.dim,

@@ -243,6 +243,6 @@ def describe_motions(
 
 
 def has_friction(model: Assembly) -> Bools:
-    """Which contact nodes have friction."""
+    """Which contact nodes have friction or cohesion."""
     largest = model.mu if model.mu.ndim == 1 else model.mu.max(axis=1)
-    return largest > 0
+    return (largest > 0) | (model.cohesion > 0)

@@ -42,6 +42,8 @@ def describe_unbalanced(
     gaps
         As `Assembly.gaps`: frames of each step, if obstacles turn.
     """
+    if model.cohesion.any():
+        return None  # cohesion may carry any load
     modes, owner = list_motions(model)
     free = find_free(np.concatenate(list_supports(model, modes)))
     motions = modes @ free

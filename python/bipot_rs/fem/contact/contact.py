@@ -59,6 +59,9 @@ class Contact:
     and t2: t1 is then ``axis (d,)``, a direction of the material such as its grain,
     projected onto the tangent plane; without ``axis``, the tangents are those of `frames`.
 
+    ``cohesion`` is a shear stress [Pa], which is multiplied by the areas of the contacts;
+    ``dilatancy`` the opening per slip, up to ``mu``: see `ContactProblem`.
+
     With ``floating``, the force `Assembly.reference_force` moves the rigid obstacle, in
     addition to ``motion``: small translations, with the normals of the start.
     """
@@ -75,6 +78,8 @@ class Contact:
     motion: Motion | None = None
     pairing: str = "match"
     floating: Floating | None = None
+    cohesion: float = 0.0
+    dilatancy: float = 0.0
 
 
 def surface_names(contact: Contact) -> tuple[str, str]:
@@ -104,6 +109,13 @@ def check_contact(contact: Contact, dim: int) -> None:
         raise ValueError(
             f"{what} is {contact.mu}, expected a finite number, zero or positive"
         )
+    for name in ("cohesion", "dilatancy"):
+        about = f"{name} of the contact on {contact.surface!r}"
+        value = getattr(contact, name)
+        if not 0 <= number(about, value) < np.inf:
+            raise ValueError(
+                f"{about} is {value}, expected a finite number, zero or positive"
+            )
     opposites = contact.plane, contact.obstacle, contact.against
     if sum(opposite is not None for opposite in opposites) != 1:
         raise ValueError(

@@ -76,8 +76,14 @@ class LinearSolver:
         Whether there is one.
         """
         self._destroy_garbage()
-        self._tangent = tangent
-        new = self._statuses is None or not np.array_equal(self._statuses, statuses)
+        before, self._tangent = self._tangent, tangent
+        new = (
+            self._statuses is None
+            or before is None
+            or not np.array_equal(self._statuses, statuses)
+            # Cohesion may hold the tangents of an open contact.
+            or not np.array_equal(before.held, tangent.held)
+        )
         self._statuses = statuses.copy()
         try:
             self.preconditioner.prepare(tangent, statuses, new=new)

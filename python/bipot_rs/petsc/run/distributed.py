@@ -86,6 +86,8 @@ class DistributedProblem:
                 sparse.csr_array(entries, shape=contact.shape),
                 gap=model.gap,
                 mu=model.mu,
+                cohesion=model.cohesion,
+                dilatancy=model.dilatancy,
                 fixed=numbering.place[model.fixed],
                 coordinates=np.repeat(model.nodes[numbering.nodes], model.dim, axis=0),
                 area=model.area,

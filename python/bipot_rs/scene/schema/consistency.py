@@ -528,12 +528,20 @@ def _axis(
 def _friction(place: str, contact: Touch, dim: int) -> Iterator[Mistake]:
     mu, axis = contact.mu, contact.axis
     if not isinstance(mu, list):
+        if contact.dilatancy > mu:
+            yield Mistake(
+                f"{place}.dilatancy",
+                f"should be at most mu, which is {mu:g}, got {contact.dilatancy:g}",
+            )
         if axis is not None:
             yield Mistake(
                 f"{place}.axis",
                 "needs two numbers in mu, got one",
             )
         return
+    for key in ("cohesion", "dilatancy"):
+        if getattr(contact, key):
+            yield Mistake(f"{place}.{key}", "needs one number in mu, got two")
     if dim == 2:
         yield Mistake(
             f"{place}.mu", "has two numbers, expected one: the scene has two dimensions"
@@ -663,6 +671,12 @@ def _wear(scene: Scene) -> Iterator[Mistake]:
         yield Mistake(
             "solver.engine", "should not be 'petsc', which does not compute wear"
         )
+    for k, contact in enumerate(scene.contact):
+        for key in ("cohesion", "dilatancy"):
+            if getattr(contact, key):
+                yield Mistake(
+                    f"contact.{k}.{key}", "remove it, wear is not derived for it"
+                )
     if isinstance(scene.solver.tol, str):
         yield Mistake(
             "solver.tol", f"should be a number for wear, got {scene.solver.tol!r}"

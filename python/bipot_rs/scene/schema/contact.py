@@ -139,12 +139,15 @@ class Touch(Table):
     "match"`` each node of one body lies opposite a node of the other. Otherwise meshes
     need not match: with ``"mortar"`` a constant pressure is transmitted exactly, with
     ``"nodes"`` nodes meet facets. Two numbers ``mu`` are friction along the tangential
-    part of ``axis``, and across it.
+    part of ``axis``, and across it. ``cohesion`` is the shear stress that a contact carries
+    without pressure until it opens, ``dilatancy`` its opening per slip, at most ``mu``.
     """
 
     on: str
     mu: OneOrList[_Coefficient, _Pair]
     axis: Vector | None = None
+    cohesion: _Coefficient = 0.0
+    dilatancy: _Coefficient = 0.0
     plane: PlaneTable | None = None
     against: str | None = None
     pairing: Literal["match", "nodes", "mortar"] = "match"
