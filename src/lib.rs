@@ -12,7 +12,7 @@
 //! equations of `docs/theory.md`, which also fixes signs and units.
 //!
 //! The layers, each of which uses only the earlier ones: [`error`], [`panics`], [`threads`],
-//! [`tasks`], [`linalg`] (no mechanics), [`bodies`] (what can move), [`assembly`] (stiffness of meshes), [`law`] (one contact), [`reduced`] (all contacts in the
+//! [`tasks`], [`linalg`] (no mechanics), [`bodies`] (what can move), [`assembly`] (stiffness of meshes), [`law`] (one contact), [`equilibrium`] (whether reactions balance the loads), [`reduced`] (all contacts in the
 //! reactions, no algorithm), [`condensation`] (from bodies to the reduced problem and back),
 //! [`solver`] (algorithms on the reduced problem), [`proof`] (proofs about their solutions),
 //! [`path`] (load steps, also with many more candidates than contacts), [`primal`] (load steps in
@@ -22,6 +22,7 @@
 pub mod assembly;
 pub mod bodies;
 pub mod condensation;
+pub mod equilibrium;
 pub mod error;
 mod fitted;
 pub mod law;

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.path.moving_gaps import MovingGaps
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.proof.enumeration import Answers
+    from bipot_rs.contact.proof.equilibrium import Equilibrium, LimitMultiplier
     from bipot_rs.contact.proof.existence import Existence
     from bipot_rs.contact.proof.reaction_range import ReactionRange
     from bipot_rs.contact.reduced import ReducedProblem
@@ -68,9 +69,11 @@ __all__ = [
     "Answers",
     "BipotError",
     "ContactProblem",
+    "Equilibrium",
     "ErrorBound",
     "Existence",
     "FloatingBodyError",
+    "LimitMultiplier",
     "MovingGaps",
     "NoEquilibriumError",
     "NotConvergedError",
@@ -110,6 +113,7 @@ __getattr__, __dir__ = lazily(
             "NotConvergedError",
             "NotDifferentiableError",
         ),
+        "bipot_rs.contact.proof.equilibrium": ("Equilibrium", "LimitMultiplier"),
         "bipot_rs.contact.proof.existence": ("Existence",),
         "bipot_rs.contact.path.moving_gaps": ("MovingGaps",),
         "bipot_rs.contact.one_call": ("solve",),

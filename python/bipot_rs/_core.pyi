@@ -673,6 +673,64 @@ class ContactPath:
         """
 
 @final
+class Statics:
+    """The contacts of a question of statics: the motions that they resist, their cones."""
+
+    def __new__(
+        cls,
+        rows: _Csr,
+        motions: int,
+        sizes: NDArray[np.int64],
+        friction: _Floats,
+        cohesion: _Floats,
+    ) -> Statics: ...
+    def decide(self, load: _Floats, max_seconds: float | None = None) -> Decision:
+        """Whether reactions balance the loads on the motions."""
+    def find_limit(self, dead: _Floats, live: _Floats) -> LimitLoad:
+        """The largest multiple of the live load that reactions can balance beside the dead."""
+
+@final
+class Decision:
+    """Whether reactions balance the loads, with the proof."""
+
+    @property
+    def verdict(self) -> str: ...
+    @property
+    def reaction(self) -> _Floats:
+        """All rows, in the cones."""
+    @property
+    def motion(self) -> _Floats:
+        """Amounts of the motions; empty without a proof."""
+    @property
+    def margin(self) -> float: ...
+    @property
+    def relative_margin(self) -> float:
+        """The margin over the mean load."""
+    @property
+    def excluded(self) -> float:
+        """Length of the reactions that the motion excludes, relative to the loads."""
+    @property
+    def imbalance(self) -> float:
+        """Relative to the loads."""
+
+@final
+class LimitLoad:
+    """The largest multiple of a load, from both sides."""
+
+    @property
+    def upper(self) -> float: ...
+    @property
+    def mechanism(self) -> _Floats:
+        """Amounts of the motions; empty if there is no bound."""
+    @property
+    def reached(self) -> float | None: ...
+    @property
+    def reaction(self) -> _Floats | None: ...
+    @property
+    def dead(self) -> Decision:
+        """The answer for the dead load alone."""
+
+@final
 class Reduced:
     """A reduced problem `v = W r + R a + q`, in the caller's numbering."""
 

@@ -69,3 +69,45 @@ pub fn dot(a: &[f64], b: &[f64]) -> Sum {
     }
     total
 }
+
+/// A sum of products without any rounding: numbers whose digits do not overlap, smallest first
+/// [Shewchuk, *Discrete Comput. Geom.* 18, 1997]. Products below 1e-290 are rounded.
+#[derive(Clone, Debug, Default)]
+pub struct ExactSum {
+    parts: Vec<f64>,
+}
+
+impl ExactSum {
+    fn add(&mut self, value: f64) {
+        let mut carried = value;
+        let mut kept = 0;
+        for k in 0..self.parts.len() {
+            let part = self.parts[k];
+            let sum = carried + part;
+            let other = sum - carried;
+            let rest = (carried - (sum - other)) + (part - other);
+            if rest != 0.0 {
+                self.parts[kept] = rest;
+                kept += 1;
+            }
+            carried = sum;
+        }
+        self.parts.truncate(kept);
+        if carried != 0.0 {
+            self.parts.push(carried);
+        }
+    }
+
+    /// Adds `a b`.
+    pub fn add_product(&mut self, a: f64, b: f64) {
+        let product = a * b;
+        self.add(a.mul_add(b, -product));
+        self.add(product);
+    }
+
+    /// The sum with a relative error of at most 2 ε, and its sign: zero only if the sum is.
+    #[must_use]
+    pub fn value(&self) -> f64 {
+        self.parts.iter().sum()
+    }
+}

@@ -14,6 +14,7 @@ mod contact_path;
 mod contact_values;
 mod contact_variables;
 mod dimension;
+mod equilibrium;
 mod errors;
 mod estimate;
 mod heap;
@@ -51,6 +52,8 @@ mod _core {
     use super::contact_path::PyContactPath;
     #[pymodule_export]
     use super::contact_variables::{PyContactTangent, PyContactVariables};
+    #[pymodule_export]
+    use super::equilibrium::{PyDecision, PyLimitLoad, PyStatics};
     #[pymodule_export]
     use super::heap::return_heap;
     #[pymodule_export]

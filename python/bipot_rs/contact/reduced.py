@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
 from bipot_rs._lib.messages import count_noun, size
-from bipot_rs._lib.types import Floats, MatrixLike
+from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import (
     csr,
     floats,
@@ -25,7 +25,11 @@ from bipot_rs._lib.validation import (
     vectors,
 )
 from bipot_rs.contact import tuning
-from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.errors import (
+    FloatingBodyError,
+    NoEquilibriumError,
+    NotConvergedError,
+)
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
@@ -38,10 +42,15 @@ from bipot_rs.contact.results.solution import Solution
 if TYPE_CHECKING:
     from bipot_rs.contact.messages.diagnosis import FailedSolve
     from bipot_rs.contact.proof.enumeration import Answers
+    from bipot_rs.contact.proof.equilibrium import Equilibrium, LimitMultiplier
     from bipot_rs.contact.proof.existence import Existence
     from bipot_rs.contact.proof.reaction_range import ReactionRange
     from bipot_rs.contact.sensitivity.reduced import ReducedModel
 
+# Iterations of each solve of a search for the largest multiplier.
+_CLIMB = 3000
+# With more entries, a dense R is made only for what needs it.
+_DENSE_MOTIONS = 10_000_000
 # A residual that most problems reach; the limit is rounding if that is larger.
 _TIGHT = 1e-14
 
@@ -63,7 +72,7 @@ class ReducedProblem:
         in which friction is isotropic, and every call copies ``W``.
     rigid
         ``(R (d n_c, k), e (k,))`` for bodies held by contact alone:
-        ``v = W r + R a + q`` with ``Rᵀ r + e = 0``.
+        ``v = W r + R a + q`` with ``Rᵀ r + e = 0``; ``R`` is dense or sparse.
     cohesion
         Cohesion ``c``, a force, a number or ``(n_c,)``: ``|r_t| <= c + mu r_n``. A contact
         keeps it when it opens.
@@ -100,7 +109,7 @@ class ReducedProblem:
         q: ArrayLike,
         mu: ArrayLike,
         *,
-        rigid: tuple[ArrayLike, ArrayLike] | None = None,
+        rigid: tuple[MatrixLike, ArrayLike] | None = None,
         cohesion: ArrayLike | None = None,
         dilatancy: ArrayLike | None = None,
     ) -> None:
@@ -109,27 +118,31 @@ class ReducedProblem:
         size = contacts * d
         parts = _find_islands(W, contacts, d)
         if rigid is None:
-            modes, force = np.empty((0, size)), np.empty(0)
+            border: Floats | CsrMatrix = np.empty((size, 0))
+            force = np.empty(0)
         else:
             if not hasattr(rigid, "__len__") or len(rigid) != 2:
                 raise TypeError(
                     f"rigid is {validation.show_value(rigid)}, expected the pair (R, e)"
                 )
-            border = floats("R of rigid", rigid[0], ndim=2)
+            border = _check_motions(rigid[0])
             if border.shape[0] != size:
                 raise ValueError(
                     f"R of rigid has shape {border.shape}, expected ({size}, k)"
                 )
             force = floats("e of rigid", rigid[1], shape=(border.shape[1],))
-            modes = np.ascontiguousarray(border.T)
         # As it was given.
         self.W: Any = W
         self.q = free
         self.law = ContactLaw.check(
             contacts, d, mu=mu, cohesion=cohesion, dilatancy=dilatancy
         )
-        self.rigid = None if rigid is None else (modes.T, force)
-        self._core = _core.Reduced(parts, free, self.law, modes, force)
+        self.rigid: tuple[Any, Floats] | None = (
+            None if rigid is None else (border, force)
+        )
+        self._parts = parts
+        if border.shape[0] * border.shape[1] <= _DENSE_MOTIONS:
+            _ = self._problem  # the checks that only the core makes
 
     def __reduce__(self) -> tuple[object, ...]:
         again = partial(
@@ -164,6 +177,29 @@ class ReducedProblem:
             ("rigid motions", f"{held} held by contact alone"),
         ]
 
+    @cached_property
+    def _problem(self) -> _core.Reduced:
+        """The problem in the core."""
+        R = self._dense_motions
+        modes = np.ascontiguousarray(R.T)
+        force = np.empty(0) if self.rigid is None else self.rigid[1]
+        return _core.Reduced(self._parts, self.q, self.law, modes, force)
+
+    @property
+    def _dense_motions(self) -> Floats:
+        """``R (d n_c, k)``."""
+        if self.rigid is None:
+            return np.zeros((self.q.size, 0))
+        R = self.rigid[0]
+        return R if isinstance(R, np.ndarray) else R.toarray()
+
+    @cached_property
+    def _statics(self) -> _core.Statics:
+        from bipot_rs.contact.proof.equilibrium import make_statics
+
+        R = np.empty((self.q.size, 0)) if self.rigid is None else self.rigid[0]
+        return make_statics(R, self.law, *self.q.shape)
+
     @property
     def mu(self) -> Floats:
         """Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``."""
@@ -186,7 +222,7 @@ class ReducedProblem:
         `fclib.GlobalProblem.asymmetry` is relative to ``√|M_ii M_jj|`` instead, because the
         unknowns of a body may have different units.
         """
-        return self._core.asymmetry
+        return self._problem.asymmetry
 
     @property
     def _motions(self) -> int:
@@ -208,7 +244,7 @@ class ReducedProblem:
         """
         reaction = floats("r", r, shape=self.q.shape)
         rigid = None if a is None else floats("a", a, shape=(self._motions,))
-        return self._core.residual(reaction, rigid)
+        return self._problem.residual(reaction, rigid)
 
     def error_bound(self, r: ArrayLike) -> ErrorBound:
         """Guaranteed bound of the error of reactions ``r (n_c, d)``.
@@ -237,7 +273,7 @@ class ReducedProblem:
             )
         rigid = np.zeros(self._motions)
         rows = points.reshape(-1, self.q.shape[1])
-        bounds = self._core.error_bounds(rows, len(points), rigid)
+        bounds = self._problem.error_bounds(rows, len(points), rigid)
         return [read_error_bound(bound) for bound in bounds]
 
     def solve(
@@ -287,7 +323,7 @@ class ReducedProblem:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
             num_threads = threads(num_threads)
-        core = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
+        core = self._problem.solve(*chosen, reaction, rigid, num_threads, callback)
         return self._complete(core, method, chosen.max_seconds)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
@@ -315,7 +351,7 @@ class ReducedProblem:
 
         restarts = positive("restarts", restarts)
         seed = integer("seed", seed, least=0)
-        exhausted = self._core.answers()
+        exhausted = self._problem.answers()
         if exhausted is not None:
             cores, complete = exhausted
             solutions = [self._complete(core, "auto") for core in cores]
@@ -424,9 +460,103 @@ class ReducedProblem:
                     f"solution has the residual {eta:.1e} in this problem: pass a solution of "
                     "this problem, or leave it out"
                 )
+        rigid = None if self.rigid is None else (self._dense_motions, self.rigid[1])
         return find_ranges(
-            self.W, self.q, self.mu, self.rigid, solution, contacts, component
+            self.W, self.q, self.mu, rigid, solution, contacts, component
         )
+
+    def equilibrium(self, *, max_seconds: float | None = None) -> Equilibrium:
+        """Whether reactions in their cones balance the loads on the rigid motions.
+
+        One cone programme decides it, with a proof, at any size. The compliance and the free
+        displacement do not matter. Without them (``W = 0``, ``q = 0``) the reactions are a
+        solution, with ``v = 0``; with them, balanced reactions are necessary for one.
+
+        Parameters
+        ----------
+        max_seconds
+            Limit of time of each of the programmes; after it the verdict is
+            ``"undecided"``.
+
+        Examples
+        --------
+        A block on a plane with friction 0.5, pulled to the side by 0.4 of its weight:
+
+        >>> import bipot_rs as bp
+        >>> corners = [[1, 0, -1], [0, 1, 1], [1, 0, 1], [0, 1, 1]]
+        >>> W, q = [[0.0] * 4] * 4, [[0.0, 0.0]] * 2
+        >>> block = bp.ReducedProblem(W, q, 0.5, rigid=(corners, [-1.0, 0.4, 0.0]))
+        >>> block.equilibrium().verdict
+        'balanced'
+        >>> round(block.limit_multiplier([-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]).upper, 6)
+        0.5
+        """
+        from bipot_rs.contact.proof.equilibrium import Equilibrium, read_decision
+
+        if self.rigid is None or not self._motions:
+            return Equilibrium(
+                verdict="balanced",
+                reason="no rigid motion has to be balanced",
+                margin=np.inf,
+                reaction=np.zeros(self.q.shape),
+            )
+        decision = self._statics.decide(self.rigid[1], max_seconds)
+        return read_decision(decision, self.q.shape, self._describe_amounts)
+
+    def limit_multiplier(self, e0: ArrayLike, e1: ArrayLike) -> LimitMultiplier:
+        """The largest ``λ`` for which contact carries the loads ``e0 + λ e1``.
+
+        Parameters
+        ----------
+        e0, e1
+            Dead and live loads on the rigid motions, ``(k,)``; ``e`` of ``rigid`` is not
+            used.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong; the message names it.
+        NoEquilibriumError
+            No reactions balance ``e0`` alone.
+        NotConvergedError
+            Whether reactions balance ``e0`` alone was not decided.
+        """
+        from bipot_rs.contact.proof.equilibrium import read_limit
+
+        dead = floats("e0", e0, shape=(self._motions,))
+        live = floats("e1", e1, shape=(self._motions,))
+
+        def solve(multiplier: float, start: Solution | None) -> Solution | None:
+            R = np.empty((self.q.size, 0)) if self.rigid is None else self.rigid[0]
+            loaded = ReducedProblem(
+                self.W,
+                self.q,
+                self.mu,
+                rigid=(R, dead + multiplier * live),
+                cohesion=self.law.cohesion,
+                dilatancy=self.law.dilatancy,
+            )
+            trials = (start, None) if start is not None else (None,)
+            solutions = (loaded.solve(max_iterations=_CLIMB, start=s) for s in trials)
+            return next((s for s in solutions if s.converged), None)
+
+        return read_limit(
+            self._statics.find_limit(dead, live),
+            self.q.shape,
+            self._describe_amounts,
+            None if self._moves_rigidly() else solve,
+        )
+
+    def _moves_rigidly(self) -> bool:
+        """Whether only rigid motions displace the contacts, ``W = 0`` and ``q = 0``."""
+        W = self.W.data if hasattr(self.W, "tocsr") else np.asarray(self.W)
+        return not self.q.any() and not np.any(W)
+
+    def _describe_amounts(self, amounts: Floats) -> str:
+        """Amounts of the rigid motions in words."""
+        R = self._dense_motions if self.rigid is None else self.rigid[0]
+        direction = rigid_motions.move_contacts(R.T, amounts, self.q.shape[1])
+        return rigid_motions.describe_motion(direction, self.mu)
 
     def existence(self, *, exhaust: bool = False) -> Existence:
         """Whether a solution exists, as far as this can be proved without solving.
@@ -463,7 +593,7 @@ class ReducedProblem:
         by, mu = _core.isotropic(self.mu, self.q.shape[1])
         rigid = self.rigid
         if rigid is not None and len(rigid[1]):
-            rigid = by.ravel()[:, None] * rigid[0], rigid[1]
+            rigid = by.ravel()[:, None] * self._dense_motions, rigid[1]
             a = self.find_unresisted()
             if a is not None:
                 direction = (
@@ -477,14 +607,14 @@ class ReducedProblem:
                     motion=direction,
                 )
         W = by.ravel()[:, None] * make_dense(self.W) * by.ravel()
-        existence = judge_existence(self._core, W, by * self.q, mu, rigid)
+        existence = judge_existence(self._problem, W, by * self.q, mu, rigid)
         existence = replace(
             existence,
             motion=None if existence.motion is None else existence.motion / by,
             inside=None if existence.inside is None else existence.inside / by,
         )
         if existence.verdict == "unknown" and exhaust:
-            tried = self._core.answers()
+            tried = self._problem.answers()
             if tried is not None and (len(tried[0]) or tried[1]):
                 some = len(tried[0]) > 0
                 return Existence(
@@ -501,7 +631,7 @@ class ReducedProblem:
         search finds none; the compliance does not matter.
         """
         a = self.solve(max_iterations=1).free_motion
-        return a if a is not None and self._core.is_unresisted(a) else None
+        return a if a is not None and self._problem.is_unresisted(a) else None
 
     def _describe_motion(self, amounts: Floats, direction: Floats, mu: Floats) -> str:  # noqa: ARG002
         """Describe ``R a``, whose displacements of the contacts are ``direction``."""
@@ -512,15 +642,14 @@ class ReducedProblem:
         from bipot_rs.contact.sensitivity.reduced import ReducedModel
 
         W = self.W if hasattr(self.W, "tocsr") else np.asarray(self.W)
-        modes = np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
-        return ReducedModel(self._core, W, self.mu, modes)
+        return ReducedModel(self._problem, W, self.mu, self._dense_motions)
 
     def _has_several(self, solution: Solution) -> bool:
-        exhausted = self._core.answers()
+        exhausted = self._problem.answers()
         if exhausted is not None and len(exhausted[0]) > 1:
             return True
         near = solution.residual <= tuning.NEAR_SOLUTION
-        return near and self._core.assess(solution.reaction) == "others exist"
+        return near and self._problem.assess(solution.reaction) == "others exist"
 
     def _complete(
         self,
@@ -543,15 +672,13 @@ class ReducedProblem:
             max_seconds=max_seconds,
             mu=self.mu,
             W=lambda: make_dense(self.W),
-            modes=lambda: (
-                np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
-            ),
+            modes=lambda: self._dense_motions,
             several=self._has_several,
         )
         return make_solution(
             core,
             free_motion_text=words,
-            inquiry=_ReducedInquiry(self._core, tried, self._model()),
+            inquiry=_ReducedInquiry(self._problem, tried, self._model()),
         )
 
 
@@ -585,6 +712,20 @@ class _ReducedInquiry:
 
     def derivatives(self) -> ReducedModel:
         return self.model
+
+
+def _check_motions(R: MatrixLike) -> Floats | CsrMatrix:
+    """``R`` of rigid, with its numbers checked."""
+    if not hasattr(R, "tocsr"):
+        return floats("R of rigid", R, ndim=2)
+    sparse = csr("R of rigid", R).matrix
+    still = np.flatnonzero(abs(sparse).sum(axis=0) == 0)
+    if len(still):
+        raise FloatingBodyError(
+            f"rigid motion {still[0]} moves no contact, so that nothing holds it: leave its "
+            "column out of R"
+        )
+    return sparse
 
 
 _Part = tuple[list[int], Floats, tuple[list[int], list[int]] | None]

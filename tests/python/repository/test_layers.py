@@ -24,11 +24,22 @@ RUST = (
         "bodies",
         "assembly",
     ),
-    *("law", "reduced", "condensation", "solver", "proof", "path", "primal", "python"),
+    *(
+        "law",
+        "equilibrium",
+        "reduced",
+        "condensation",
+        "solver",
+        "proof",
+        "path",
+        "primal",
+    ),
+    "python",
 )
 # A word in the code, and the only files or folders that may contain it. An upgrade of a
 # library, or a review of code that the compiler cannot check, then concerns few files.
 RUST_NAMES = {
+    "clarabel": ("equilibrium/programme.rs",),
     "faer": ("linalg/dense/",),
     "metis_sys": ("linalg/sparse/ordering.rs",),
     "pyo3": ("python/",),

@@ -1,0 +1,117 @@
+//! The largest multiple of a live load that reactions can balance beside a dead load.
+//!
+//! A motion `d` with `R d` in the dual cones and `e₁·d > 0` bounds it: `0 ≥ e₀·d + λ e₁·d −
+//! Σ c‖v_t‖` for all reactions that balance `e₀ + λ e₁`.
+
+use crate::equilibrium::decide::{Decision, Verdict, decide};
+use crate::equilibrium::part::Part;
+use crate::equilibrium::programme::Limits;
+use crate::equilibrium::proof::Witness;
+use crate::equilibrium::repair::Repair;
+use crate::equilibrium::statics::Statics;
+use crate::error::Error;
+
+/// Shares of the multiplier above it, at which a mechanism has to prove that there is no balance.
+const ABOVE: [f64; 6] = [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4];
+/// Shares below it, at which reactions are measured.
+const BELOW: [f64; 6] = [0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-6];
+
+/// The largest multiplier, from both sides.
+#[derive(Clone, Debug)]
+pub struct LimitLoad {
+    /// The answer for the dead load alone. If it is not balanced, there is nothing else.
+    pub dead: Decision,
+    /// No reactions balance the loads above this; infinite if no bound was proved.
+    pub upper: f64,
+    /// The motion that proves it; empty if `upper` is infinite.
+    pub mechanism: Vec<f64>,
+    /// The largest multiplier with reactions that were measured, and these; infinite if the
+    /// reactions of the live load alone may be added any number of times.
+    pub reached: Option<(f64, Vec<f64>)>,
+}
+
+/// Finds the largest `λ` for which `Rᵀ r + e₀ + λ e₁ = 0` has reactions in the cones.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::Interrupted`].
+pub fn find_limit(
+    statics: &Statics,
+    dead: &[f64],
+    live: &[f64],
+    limits: Limits,
+) -> Result<LimitLoad, Error> {
+    let without = decide(statics, dead, limits)?;
+    let mut limit = LimitLoad {
+        dead: without,
+        upper: f64::INFINITY,
+        mechanism: Vec::new(),
+        reached: None,
+    };
+    if limit.dead.verdict != Verdict::Balanced {
+        return Ok(limit);
+    }
+    let forever = decide(&statics.without_cohesion(), live, limits)?;
+    if forever.verdict == Verdict::Balanced {
+        limit.reached = Some((f64::INFINITY, forever.reaction));
+        return Ok(limit);
+    }
+    let lengths = statics.column_lengths();
+    let mut place = vec![0; statics.motions];
+    let mut largest = f64::INFINITY;
+    for group in &statics.groups() {
+        if group.0.iter().all(|&j| live[j] == 0.0) {
+            continue;
+        }
+        let part = Part::new(statics, group, &lengths, dead, &mut place);
+        let (multiplier, motion) = part.find_multiplier(live, limits)?;
+        if !multiplier.is_finite() {
+            continue;
+        }
+        let multiplier = multiplier.max(0.0);
+        largest = largest.min(multiplier);
+        let mut repair = Repair::new(statics, &part, &lengths);
+        for above in ABOVE {
+            // The dead load alone may be at its limit.
+            let tried = multiplier * (1.0 + above) + above * part.force_of(live);
+            let load = add(dead, tried, live);
+            let proved = repair.repair(&motion, &load, limits)?;
+            let Some((mechanism, _)) = proved.filter(|(_, excluded)| excluded.is_infinite()) else {
+                continue;
+            };
+            let upper = bound(statics, part.contacts(), dead, live, &mechanism);
+            if upper < limit.upper {
+                (limit.upper, limit.mechanism) = (upper, mechanism);
+            }
+            break;
+        }
+    }
+    if !largest.is_finite() {
+        return Ok(limit);
+    }
+    for below in BELOW {
+        let tried = (largest * (1.0 - below)).min(limit.upper);
+        let decision = decide(statics, &add(dead, tried, live), limits)?;
+        if decision.verdict == Verdict::Balanced {
+            limit.reached = Some((tried, decision.reaction));
+            break;
+        }
+    }
+    Ok(limit)
+}
+
+/// `e₀ + λ e₁`.
+fn add(dead: &[f64], multiplier: f64, live: &[f64]) -> Vec<f64> {
+    let pairs = dead.iter().zip(live);
+    pairs
+        .map(|(dead, live)| multiplier.mul_add(*live, *dead))
+        .collect()
+}
+
+/// The bound of a motion in the dual cones, rounded up.
+fn bound(statics: &Statics, contacts: &[usize], dead: &[f64], live: &[f64], motion: &[f64]) -> f64 {
+    let without = Witness::new(statics, contacts, dead, motion).work;
+    let none = statics.without_cohesion();
+    let gained = Witness::new(&none, contacts, live, motion).work;
+    let upper = -without / gained;
+    upper + 4.0 * f64::EPSILON * upper.abs()
+}

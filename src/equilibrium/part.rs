@@ -1,0 +1,345 @@
+//! The programmes of one group of motions, in scaled variables: columns of `R` have length 1,
+//! loads are of the order of 1, and the cones are circular.
+
+use crate::equilibrium::programme::{End, Limits, Programme};
+use crate::equilibrium::statics::Statics;
+use crate::error::Error;
+use crate::linalg::small::norm;
+
+/// A contact in the programme.
+struct Cone {
+    /// Its unknowns, the first of them and their number: one without friction.
+    first: usize,
+    count: usize,
+    /// `(1, μ)/√(1 + μ²)`, so that margins are distances.
+    edge: [f64; 2],
+    /// `c/√(1 + μ²)` in the unit of force; negative without cohesion.
+    cohesion: Option<f64>,
+}
+
+/// A group with its loads.
+pub(super) struct Part<'a> {
+    statics: &'a Statics,
+    motions: &'a [usize],
+    contacts: &'a [usize],
+    cones: Vec<Cone>,
+    /// Row of `R` of each unknown, and the factor from the unknown to the component.
+    component: Vec<(usize, f64)>,
+    /// `R̃` by unknowns.
+    entries: Vec<Vec<(usize, f64)>>,
+    /// Length of each column of `R`.
+    lengths: Vec<f64>,
+    load: Vec<f64>,
+    /// A load of 1.
+    pub(super) force: f64,
+}
+
+impl<'a> Part<'a> {
+    /// `lengths` are those of all columns, `place` is scratch for the number of a motion in the
+    /// group; `force` is the unit of force if the loads are zero.
+    pub(super) fn new(
+        statics: &'a Statics,
+        (motions, contacts): &'a (Vec<usize>, Vec<usize>),
+        lengths: &[f64],
+        load: &[f64],
+        place: &mut [usize],
+    ) -> Self {
+        for (number, &motion) in motions.iter().enumerate() {
+            place[motion] = number;
+        }
+        let lengths: Vec<f64> = motions.iter().map(|&j| lengths[j]).collect();
+        let scaled: Vec<f64> = motions
+            .iter()
+            .zip(&lengths)
+            .map(|(&j, l)| load[j] / l)
+            .collect();
+        let force = unit_of(&scaled);
+        let mut part = Self {
+            statics,
+            motions,
+            contacts,
+            cones: Vec::with_capacity(contacts.len()),
+            component: Vec::new(),
+            entries: Vec::new(),
+            lengths,
+            load: scaled.iter().map(|e| e / force).collect(),
+            force,
+        };
+        for &contact in contacts {
+            let mu = statics.largest_friction(contact);
+            let cohesion = statics.cohesion[contact];
+            let rubs = mu > 0.0 || cohesion > 0.0;
+            let rows = statics.first[contact]..statics.first[contact + 1];
+            let count = if rubs { rows.len() } else { 1 };
+            let length = mu.hypot(1.0);
+            part.cones.push(Cone {
+                first: part.component.len(),
+                count,
+                edge: [1.0 / length, mu / length],
+                cohesion: (cohesion > 0.0).then(|| cohesion / length / force),
+            });
+            for row in rows.take(count) {
+                let normal = row == statics.first[contact];
+                let factor = if normal || mu == 0.0 {
+                    1.0
+                } else {
+                    statics.friction[row] / mu
+                };
+                let of_row = statics.row(row).map(|(j, value)| {
+                    let number = place[j];
+                    (number, value * factor / part.lengths[number])
+                });
+                part.entries.push(of_row.collect());
+                part.component.push((row, factor));
+            }
+        }
+        part
+    }
+
+    pub(super) fn contacts(&self) -> &'a [usize] {
+        self.contacts
+    }
+
+    /// `‖e‖`, a force.
+    pub(super) fn load_size(&self) -> f64 {
+        norm(&self.load) * self.force
+    }
+
+    /// The multiple of another load that is of the order of this one.
+    pub(super) fn force_of(&self, load: &[f64]) -> f64 {
+        1.0 / unit_of(&self.scale_load(load))
+    }
+
+    /// The length of an imbalance relative to the loads.
+    pub(super) fn imbalance(&self, imbalance: &[f64]) -> f64 {
+        norm(&self.scale_load(imbalance)) / norm(&self.load)
+    }
+
+    /// The scaled `e` of another load.
+    fn scale_load(&self, load: &[f64]) -> Vec<f64> {
+        let pairs = self.motions.iter().zip(&self.lengths);
+        pairs.map(|(&j, l)| load[j] / l / self.force).collect()
+    }
+
+    /// `R̃ᵀ x + ẽ = 0`, with one `more` entry in the row of each motion.
+    fn balance(&self, programme: &mut Programme, more: impl Fn(usize) -> Option<(usize, f64)>) {
+        let mut columns = vec![Vec::new(); self.motions.len()];
+        for (unknown, entries) in self.entries.iter().enumerate() {
+            for &(motion, value) in entries {
+                columns[motion].push((unknown, value));
+            }
+        }
+        for (motion, entries) in columns.into_iter().enumerate() {
+            programme.push(self.load[motion], entries.into_iter().chain(more(motion)));
+        }
+        programme.equal(self.motions.len());
+    }
+
+    /// Reactions in their cones, by the `margin` of a column if there is one.
+    fn confine(&self, programme: &mut Programme, margin: Option<usize>) {
+        let inside = || margin.map(|column| (column, -1.0));
+        for cone in &self.cones {
+            let Cone {
+                first,
+                count,
+                edge: [normal, tangential],
+                cohesion,
+            } = *cone;
+            let constant = cohesion.unwrap_or(0.0);
+            match count {
+                1 => {
+                    programme.push(0.0, [(first, 1.0)].into_iter().chain(inside()));
+                    programme.nonnegative(1);
+                    continue;
+                }
+                2 => {
+                    for sign in [1.0, -1.0] {
+                        let row = [(first, tangential), (first + 1, sign * normal)];
+                        programme.push(constant, row.into_iter().chain(inside()));
+                    }
+                    programme.nonnegative(2);
+                }
+                _ => {
+                    programme.push(constant, [(first, tangential)].into_iter().chain(inside()));
+                    for tangent in first + 1..first + count {
+                        programme.push(0.0, [(tangent, normal)]);
+                    }
+                    programme.circular(count);
+                }
+            }
+            if cohesion.is_some() {
+                programme.push(0.0, [(first, 1.0)].into_iter().chain(inside()));
+                programme.nonnegative(1);
+            }
+        }
+    }
+
+    /// Reactions of the largest margin, at most 1; their multipliers are a motion.
+    pub(super) fn find_margin(&self, limits: Limits) -> Result<(Vec<f64>, f64, Vec<f64>), Error> {
+        let margin = self.component.len();
+        let mut programme = Programme::new(margin + 1);
+        programme.cost[margin] = -1.0;
+        self.balance(&mut programme, |_| None);
+        self.confine(&mut programme, Some(margin));
+        programme.push(1.0, [(margin, -1.0)]);
+        programme.nonnegative(1);
+        let end = programme.solve(limits)?;
+        Ok((self.reaction(&end), end.x[margin], self.motion(&end)))
+    }
+
+    /// Reactions of the least length; their multipliers, or a proof that there are none, are a
+    /// motion.
+    pub(super) fn find_least(&self, limits: Limits) -> Result<(Vec<f64>, Vec<f64>), Error> {
+        let mut programme = Programme::new(self.component.len());
+        programme.squares.fill(1.0);
+        self.balance(&mut programme, |_| None);
+        self.confine(&mut programme, None);
+        let end = programme.solve(limits)?;
+        Ok((self.reaction(&end), self.motion(&end)))
+    }
+
+    /// The shortest `R̃ᵀ x + ẽ` over reactions in the cones. It is a motion in the dual cones on
+    /// which the loads work, well determined far from balance.
+    pub(super) fn find_shortest(&self, limits: Limits) -> Result<Vec<f64>, Error> {
+        let imbalance = self.component.len();
+        let motions = self.motions.len();
+        let mut programme = Programme::new(imbalance + motions);
+        programme.squares[imbalance..].fill(1.0);
+        self.balance(&mut programme, |motion| Some((imbalance + motion, -1.0)));
+        self.confine(&mut programme, None);
+        let end = programme.solve(limits)?;
+        Ok(self.spread(&end.x[imbalance..]))
+    }
+
+    /// The largest `λ ≥ 0` with reactions that balance `e + λ live`, and a mechanism.
+    pub(super) fn find_multiplier(
+        &self,
+        live: &[f64],
+        limits: Limits,
+    ) -> Result<(f64, Vec<f64>), Error> {
+        let multiplier = self.component.len();
+        let live = self.scale_load(live);
+        let size = unit_of(&live);
+        let live: Vec<f64> = live.iter().map(|e| e / size).collect();
+        let mut programme = Programme::new(multiplier + 1);
+        programme.cost[multiplier] = -1.0;
+        self.balance(&mut programme, |motion| Some((multiplier, live[motion])));
+        self.confine(&mut programme, None);
+        programme.push(0.0, [(multiplier, 1.0)]);
+        programme.nonnegative(1);
+        let end = programme.solve(limits)?;
+        Ok((end.x[multiplier] / size, self.motion(&end)))
+    }
+
+    /// A motion with all contacts well inside their dual cones, if there is one; with `each`, as
+    /// many of them as can be.
+    pub(super) fn find_opening(&self, each: bool, limits: Limits) -> Result<Vec<f64>, Error> {
+        // A motion may have to be this large to open the last of many contacts by 1.
+        let farthest = if each { 1e4 } else { 1.0 };
+        let motions = self.motions.len();
+        let margins = if each { self.cones.len() } else { 1 };
+        let mut programme = Programme::new(motions + margins);
+        programme.cost[motions..].fill(-1.0);
+        for (number, cone) in self.cones.iter().enumerate() {
+            let Cone {
+                first,
+                count,
+                edge: [normal, tangential],
+                ..
+            } = *cone;
+            let margin = (motions + if each { number } else { 0 }, -1.0);
+            let moved = |unknown: usize, factor: f64| {
+                let entries = self.entries[unknown].iter();
+                entries.map(move |&(motion, value)| (motion, factor * value))
+            };
+            match count {
+                1 => {
+                    programme.push(0.0, moved(first, normal).chain([margin]));
+                    programme.nonnegative(1);
+                }
+                2 => {
+                    for sign in [1.0, -1.0] {
+                        let row = moved(first, normal).chain(moved(first + 1, sign * tangential));
+                        programme.push(0.0, row.chain([margin]));
+                    }
+                    programme.nonnegative(2);
+                }
+                _ => {
+                    programme.push(0.0, moved(first, normal).chain([margin]));
+                    for tangent in first + 1..first + count {
+                        programme.push(0.0, moved(tangent, tangential));
+                    }
+                    programme.circular(count);
+                }
+            }
+        }
+        for motion in 0..motions {
+            for sign in [1.0, -1.0] {
+                programme.push(farthest, [(motion, sign)]);
+            }
+        }
+        for margin in motions..motions + if each { margins } else { 0 } {
+            for (constant, sign) in [(1.0, -1.0), (0.0, 1.0)] {
+                programme.push(constant, [(margin, sign)]);
+            }
+        }
+        programme.nonnegative(2 * motions + if each { 2 * margins } else { 0 });
+        let end = programme.solve(limits)?;
+        Ok(self.spread(&end.x[..motions]))
+    }
+
+    /// The reaction of all rows, moved into the cones where rounding left it outside.
+    fn reaction(&self, end: &End) -> Vec<f64> {
+        let mut reaction = vec![0.0; self.statics.friction.len()];
+        for cone in &self.cones {
+            let unknowns = &end.x[cone.first..cone.first + cone.count];
+            let [normal, tangential] = cone.edge;
+            let pressure = unknowns[0].max(0.0);
+            let friction = unknowns[1..].iter().fold(0.0, |sum: f64, t| sum.hypot(*t));
+            let most = (tangential * pressure + cone.cohesion.unwrap_or(0.0)) / normal;
+            let share = if friction > most {
+                most / friction
+            } else {
+                1.0
+            };
+            for (k, &(row, factor)) in self.component[cone.first..]
+                .iter()
+                .take(cone.count)
+                .enumerate()
+            {
+                let value = if k == 0 {
+                    pressure
+                } else {
+                    share * unknowns[k]
+                };
+                reaction[row] = value * factor * self.force;
+            }
+        }
+        reaction
+    }
+
+    /// The motion of the multipliers of the balance, `R̃ d` in the dual cones.
+    fn motion(&self, end: &End) -> Vec<f64> {
+        let opposite: Vec<f64> = end.multipliers[..self.motions.len()]
+            .iter()
+            .map(|y| -y)
+            .collect();
+        self.spread(&opposite)
+    }
+
+    /// Amounts of all motions, in the units of the caller.
+    fn spread(&self, scaled: &[f64]) -> Vec<f64> {
+        let mut motion = vec![0.0; self.statics.motions];
+        for ((&j, length), amount) in self.motions.iter().zip(&self.lengths).zip(scaled) {
+            motion[j] = amount / length;
+        }
+        motion
+    }
+}
+
+/// The root mean square of numbers, or 1 if they are zero.
+fn unit_of(numbers: &[f64]) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "a number of motions")]
+    let size = norm(numbers) / (numbers.len() as f64).sqrt();
+    if size > 0.0 { size } else { 1.0 }
+}

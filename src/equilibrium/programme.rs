@@ -1,0 +1,168 @@
+//! Convex programmes over products of cones, by the interior-point method of Clarabel.
+//!
+//! This file alone names the crate. Its status is not passed on: the caller checks the point and
+//! the multipliers in arithmetic of its own.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
+use std::time::Duration;
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SupportedConeT};
+
+use crate::error::Error;
+
+/// Relative residuals and gap at which steps end: near rounding. Where they stall before, the
+/// best point is returned.
+const ENOUGH: f64 = 1e-12;
+
+/// With fewer entries the programme ends before a signal could.
+const LONG: usize = 20_000;
+
+/// Interval at which a long programme looks whether it shall stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// When a programme ends without a result.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits<'a> {
+    pub stop: &'a AtomicBool,
+    pub seconds: f64,
+}
+
+/// `min ½ xᵀ diag(squares) x + cost·x` with `right + A x` in a product of cones.
+#[derive(Debug)]
+pub struct Programme {
+    pub cost: Vec<f64>,
+    pub squares: Vec<f64>,
+    row: Vec<usize>,
+    column: Vec<usize>,
+    value: Vec<f64>,
+    right: Vec<f64>,
+    cones: Vec<SupportedConeT<f64>>,
+}
+
+/// The end of the search, to be checked: a point with its multipliers, or a direction that
+/// proves that there is none.
+#[derive(Debug)]
+pub struct End {
+    pub x: Vec<f64>,
+    /// One for each row: `cost + squares x = Aᵀ multipliers`.
+    pub multipliers: Vec<f64>,
+}
+
+impl Programme {
+    #[must_use]
+    pub fn new(columns: usize) -> Self {
+        Self {
+            cost: vec![0.0; columns],
+            squares: vec![0.0; columns],
+            row: Vec::new(),
+            column: Vec::new(),
+            value: Vec::new(),
+            right: Vec::new(),
+            cones: Vec::new(),
+        }
+    }
+
+    /// Adds a row `right + entries·x`; the cone of the rows so far follows.
+    pub fn push(&mut self, right: f64, entries: impl IntoIterator<Item = (usize, f64)>) {
+        for (column, value) in entries {
+            // Clarabel's rows are right − A x.
+            self.row.push(self.right.len());
+            self.column.push(column);
+            self.value.push(-value);
+        }
+        self.right.push(right);
+    }
+
+    /// The last rows are zero.
+    pub fn equal(&mut self, rows: usize) {
+        self.cones.push(SupportedConeT::ZeroConeT(rows));
+    }
+
+    /// The last rows are not negative.
+    pub fn nonnegative(&mut self, rows: usize) {
+        if let Some(SupportedConeT::NonnegativeConeT(before)) = self.cones.last_mut() {
+            *before += rows;
+        } else {
+            self.cones.push(SupportedConeT::NonnegativeConeT(rows));
+        }
+    }
+
+    /// The first of the last rows is at least the length of the others.
+    pub fn circular(&mut self, rows: usize) {
+        self.cones.push(SupportedConeT::SecondOrderConeT(rows));
+    }
+
+    /// Searches. Every run gives the same bits, if no limit ends it.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn solve(self, limits: Limits) -> Result<End, Error> {
+        let (rows, columns, entries) = (self.right.len(), self.cost.len(), self.value.len());
+        let diagonal: Vec<usize> = (0..columns).filter(|&j| self.squares[j] != 0.0).collect();
+        let squares = diagonal.iter().map(|&j| self.squares[j]).collect();
+        let squares =
+            CscMatrix::new_from_triplets(columns, columns, diagonal.clone(), diagonal, squares);
+        let matrix = CscMatrix::new_from_triplets(rows, columns, self.row, self.column, self.value);
+        let settings = DefaultSettings {
+            verbose: false,
+            max_threads: 1,
+            time_limit: limits.seconds.max(0.0),
+            tol_feas: ENOUGH,
+            tol_gap_abs: ENOUGH,
+            tol_gap_rel: ENOUGH,
+            tol_infeas_abs: ENOUGH,
+            tol_infeas_rel: ENOUGH,
+            ..DefaultSettings::default()
+        };
+        let nothing = End {
+            x: vec![f64::NAN; columns],
+            multipliers: vec![f64::NAN; rows],
+        };
+        let made = DefaultSolver::new(
+            &squares,
+            &self.cost,
+            &matrix,
+            &self.right,
+            &self.cones,
+            settings,
+        );
+        let Ok(mut solver) = made else {
+            return Ok(nothing);
+        };
+        if entries < LONG {
+            solver.solve();
+        } else {
+            solve_watched(&mut solver, limits.stop);
+        }
+        if limits.stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        Ok(End {
+            x: solver.solution.x,
+            multipliers: solver.solution.z,
+        })
+    }
+}
+
+/// Solves while a thread watches `stop`.
+fn solve_watched(solver: &mut DefaultSolver<f64>, stop: &AtomicBool) {
+    let stopped = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&stopped);
+    solver.set_termination_callback(move |_| seen.load(Ordering::Relaxed));
+    thread::scope(|scope| {
+        let (running, ended) = channel::<()>();
+        scope.spawn(move || {
+            while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+                if stop.load(Ordering::Relaxed) {
+                    stopped.store(true, Ordering::Relaxed);
+                }
+            }
+        });
+        solver.solve();
+        drop(running);
+    });
+}

@@ -1,0 +1,107 @@
+//! Whether a motion proves that no reactions balance the loads.
+//!
+//! Let `v = R d` lie in the dual cone of each contact, `v_n ≥ ‖D v_t‖` with the coefficients
+//! `D`. For each `r ∈ C`, `r·v ≥ −c‖v_t‖`. If `Rᵀ r + e = 0`, then
+//!
+//! ```text
+//! 0 = d·(Rᵀ r + e) ≥ e·d − Σ c‖v_t‖,
+//! ```
+//!
+//! so that `e·d > Σ c‖v_t‖` proves that there are none. All sums are exact here, and what is
+//! rounded after them is rounded to the safe side: rational arithmetic on the numbers of the
+//! caller confirms each proof.
+
+use crate::equilibrium::statics::Statics;
+use crate::linalg::compensated::ExactSum;
+use crate::linalg::small::norm;
+
+/// Rounding of a few operations on numbers with an error of ε.
+const FEW: f64 = 16.0 * f64::EPSILON;
+
+/// How a motion acts on contacts and loads.
+pub(super) struct Witness {
+    /// For each contact, by how much `v_n` exceeds `‖D v_t‖`: a lower bound, exact if it is zero.
+    pub(super) slack: Vec<f64>,
+    /// Lower bound of `e·d − Σ c‖v_t‖`.
+    pub(super) work: f64,
+    /// Length of the part of the motion outside the dual cones; zero for a proof.
+    pub(super) lack: f64,
+}
+
+impl Witness {
+    /// Of a motion that moves only these contacts.
+    pub(super) fn new(statics: &Statics, contacts: &[usize], load: &[f64], motion: &[f64]) -> Self {
+        let mut slack = Vec::with_capacity(contacts.len());
+        let mut held = 0.0;
+        let mut lack = 0.0_f64;
+        for &contact in contacts {
+            let cohesion = statics.cohesion[contact];
+            let rows = statics.first[contact]..statics.first[contact + 1];
+            let mut lengths = [0.0_f64; 2];
+            for row in rows.clone().skip(1) {
+                let moved = if statics.friction[row] > 0.0 || cohesion > 0.0 {
+                    move_row(statics, row, motion)
+                } else {
+                    0.0
+                };
+                if statics.friction[row] > 0.0 {
+                    lengths[0] = lengths[0].hypot(statics.friction[row] * moved);
+                }
+                lengths[1] = lengths[1].hypot(moved);
+            }
+            let [resisted, slip] = lengths.map(|length| length * (1.0 + FEW));
+            held += cohesion * slip;
+            let opening = move_row(statics, rows.start, motion);
+            let difference = opening - FEW * opening.abs() - resisted;
+            let mu = statics.largest_friction(contact);
+            lack = lack.hypot(difference.min(0.0) / mu.hypot(1.0));
+            slack.push(difference);
+        }
+        let mut sum = ExactSum::default();
+        for (&e, &d) in load.iter().zip(motion) {
+            sum.add_product(e, d);
+        }
+        let work = sum.value();
+        #[expect(clippy::cast_precision_loss, reason = "a number of contacts")]
+        let held = held * (1.0 + FEW * (slack.len() as f64 + 1.0));
+        Self {
+            slack,
+            work: work - FEW * work.abs() - held,
+            lack,
+        }
+    }
+
+    /// Whether no reactions at all balance the loads.
+    pub(super) fn proves(&self) -> bool {
+        self.work > 0.0 && self.slack.iter().all(|&slack| slack >= 0.0)
+    }
+
+    /// Reactions up to this length do not balance the loads: `e·d ≤ ‖lack‖ ‖r‖` for those that
+    /// do.
+    pub(super) fn excluded(&self) -> f64 {
+        if self.proves() {
+            f64::INFINITY
+        } else if self.work > 0.0 {
+            self.work / self.lack
+        } else {
+            0.0
+        }
+    }
+}
+
+/// A component of `R d`, rounded once.
+fn move_row(statics: &Statics, row: usize, motion: &[f64]) -> f64 {
+    let mut sum = ExactSum::default();
+    for (j, value) in statics.row(row) {
+        sum.add_product(value, motion[j]);
+    }
+    sum.value()
+}
+
+/// The motion whose largest amount, in lengths of columns, is 1.
+pub(super) fn normalise(motion: &[f64], lengths: &[f64]) -> Option<Vec<f64>> {
+    let amounts: Vec<f64> = motion.iter().zip(lengths).map(|(d, l)| d * l).collect();
+    let largest = amounts.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
+    let usable = norm(&amounts).is_finite() && largest > 0.0;
+    usable.then(|| motion.iter().map(|d| d / largest).collect())
+}

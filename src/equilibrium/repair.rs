@@ -1,0 +1,129 @@
+//! Moves a motion into the dual cones, by a small share of one that opens the contacts.
+//!
+//! The motion of a programme lies on the border of the dual cones, half of its contacts outside
+//! by rounding. A motion `d0` with all contacts inside, which does not depend on the loads,
+//! repairs it: `d + ε d0`. Where reactions can balance each other without loads (self-stress),
+//! some contacts have no such motion; then `d0` opens the others.
+
+use crate::equilibrium::part::Part;
+use crate::equilibrium::programme::Limits;
+use crate::equilibrium::proof::{Witness, normalise};
+use crate::equilibrium::statics::Statics;
+use crate::error::Error;
+
+/// A contact opens if its slack is above this share of the largest amount of the motion.
+const OPENS: f64 = 1e-9;
+/// Rounding of a motion, relative to its largest amount: the least share of `d0` adds this much.
+const ROUNDING: f64 = 1e-15;
+/// Amounts below this are rounding, and not zero only by it.
+const NOTHING: f64 = 1e-11;
+/// Trials, each with ten times the share of the one before.
+const TRIALS: usize = 6;
+
+/// What the repairs of one group have in common.
+pub(super) struct Repair<'a, 'p> {
+    statics: &'a Statics,
+    part: &'a Part<'p>,
+    lengths: &'a [f64],
+    /// Motions that open contacts, made on first use.
+    openings: [Option<Vec<f64>>; 2],
+}
+
+impl<'a, 'p> Repair<'a, 'p> {
+    pub(super) fn new(statics: &'a Statics, part: &'a Part<'p>, lengths: &'a [f64]) -> Self {
+        Self {
+            statics,
+            part,
+            lengths,
+            openings: [None, None],
+        }
+    }
+
+    /// The motion, or one near it, that excludes the largest reactions; with the length of these.
+    pub(super) fn repair(
+        &mut self,
+        motion: &[f64],
+        load: &[f64],
+        limits: Limits,
+    ) -> Result<Option<(Vec<f64>, f64)>, Error> {
+        let Some(motion) = normalise(motion, self.lengths) else {
+            return Ok(None);
+        };
+        // A motion that needs no repair may be exact where its rounding is removed.
+        let amounts = motion.iter().zip(self.lengths);
+        let clean: Vec<f64> = amounts
+            .map(|(&d, l)| if (d * l).abs() < NOTHING { 0.0 } else { d })
+            .collect();
+        let mut best: Option<(Vec<f64>, f64)> = None;
+        let mut offer = |motion: Vec<f64>, witness: &Witness| {
+            let excluded = witness.excluded();
+            if excluded > best.as_ref().map_or(0.0, |best| best.1) {
+                best = Some((motion, excluded));
+            }
+            excluded.is_infinite()
+        };
+        for base in [&motion, &clean] {
+            let witness = Witness::new(self.statics, self.part.contacts(), load, base);
+            if !(witness.work > 0.0) {
+                continue;
+            }
+            if offer(base.clone(), &witness) {
+                return Ok(best);
+            }
+        }
+        for each in [false, true] {
+            let Some(opening) = self.open(each, limits)? else {
+                continue;
+            };
+            let opened = Witness::new(self.statics, self.part.contacts(), load, &opening).slack;
+            for base in [&motion, &clean] {
+                let witness = Witness::new(self.statics, self.part.contacts(), load, base);
+                let shares = witness.slack.iter().zip(&opened);
+                let share = shares.filter(|(_, opened)| **opened > OPENS).fold(
+                    ROUNDING / OPENS.sqrt(),
+                    |share: f64, (slack, opened)| {
+                        share.max((ROUNDING - 1.01 * slack.min(0.0)) / opened)
+                    },
+                );
+                for trial in 0..TRIALS {
+                    let share = share * 10_f64.powi(i32::try_from(trial).unwrap_or(0));
+                    let moved: Vec<f64> = base
+                        .iter()
+                        .zip(&opening)
+                        .map(|(d, o)| d + share * o)
+                        .collect();
+                    let witness = Witness::new(self.statics, self.part.contacts(), load, &moved);
+                    if !(witness.work > 0.0) {
+                        break;
+                    }
+                    if offer(moved, &witness) {
+                        return Ok(best);
+                    }
+                }
+            }
+            if opened_all(&opened) {
+                break;
+            }
+        }
+        Ok(best)
+    }
+
+    /// The length of excluded reactions relative to the loads.
+    pub(super) fn relative(&self, excluded: f64) -> f64 {
+        excluded / self.part.load_size()
+    }
+
+    /// The motion `d0`, its largest amount 1.
+    fn open(&mut self, each: bool, limits: Limits) -> Result<Option<Vec<f64>>, Error> {
+        let slot = &mut self.openings[usize::from(each)];
+        if slot.is_none() {
+            let motion = self.part.find_opening(each, limits)?;
+            *slot = Some(normalise(&motion, self.lengths).unwrap_or_default());
+        }
+        Ok(slot.clone().filter(|motion| !motion.is_empty()))
+    }
+}
+
+fn opened_all(slack: &[f64]) -> bool {
+    slack.iter().all(|&slack| slack > OPENS)
+}

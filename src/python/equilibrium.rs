@@ -1,0 +1,127 @@
+//! Statics: whether reactions balance the loads.
+
+use std::sync::atomic::AtomicBool;
+
+use numpy::PyArray1;
+use pyo3::prelude::*;
+
+use crate::equilibrium::decide::{Decision, decide};
+use crate::equilibrium::multiplier::find_limit;
+use crate::equilibrium::programme::Limits;
+use crate::equilibrium::statics::Statics;
+use crate::error::Error;
+use crate::linalg::sparse::rows::Rows;
+use crate::python::arrays::{Csr, CsrArrays, Indices, Vector, from_vec, indices};
+use crate::python::interrupt;
+
+/// The contacts of a question of statics.
+#[pyclass(frozen, name = "Statics", module = "bipot_rs._core")]
+pub(super) struct PyStatics {
+    statics: Statics,
+}
+
+#[pymethods]
+impl PyStatics {
+    /// `R` by rows, its number of columns, the number of rows of each contact, the friction
+    /// coefficient of each row, and the cohesion of each contact.
+    #[new]
+    fn new(
+        rows: Csr<'_>,
+        motions: usize,
+        sizes: Indices<'_>,
+        friction: Vector<'_>,
+        cohesion: Vector<'_>,
+    ) -> PyResult<Self> {
+        let csr = CsrArrays::new(&rows, "R", None)?;
+        let view = Rows {
+            row_ptr: &csr.pointer,
+            columns: &csr.index,
+            values: csr.values,
+        };
+        let (friction, cohesion) = (friction.as_slice()?, cohesion.as_slice()?);
+        let sizes = indices(&sizes, "sizes")?;
+        let statics = Statics::new(view, motions, &sizes, friction.to_vec(), cohesion.to_vec())?;
+        Ok(Self { statics })
+    }
+
+    /// Whether reactions balance the loads on the motions.
+    #[pyo3(signature = (load, max_seconds=None))]
+    fn decide(
+        &self,
+        py: Python<'_>,
+        load: Vector<'_>,
+        max_seconds: Option<f64>,
+    ) -> PyResult<PyDecision> {
+        let load = load.as_slice()?;
+        let decision = run(py, max_seconds, |limits| {
+            decide(&self.statics, load, limits)
+        })?;
+        Ok(PyDecision::new(py, decision))
+    }
+
+    /// The largest multiple of the live load that reactions can balance beside the dead one.
+    fn find_limit(
+        &self,
+        py: Python<'_>,
+        dead: Vector<'_>,
+        live: Vector<'_>,
+    ) -> PyResult<PyLimitLoad> {
+        let (dead, live) = (dead.as_slice()?, live.as_slice()?);
+        let limit = run(py, None, |limits| {
+            find_limit(&self.statics, dead, live, limits)
+        })?;
+        let (reached, reaction) = limit.reached.unzip();
+        Ok(PyLimitLoad {
+            upper: limit.upper,
+            mechanism: from_vec(py, limit.mechanism).unbind(),
+            reached,
+            reaction: reaction.map(|r| from_vec(py, r).unbind()),
+            dead: Py::new(py, PyDecision::new(py, limit.dead))?,
+        })
+    }
+}
+
+fn run<T: Send>(
+    py: Python<'_>,
+    max_seconds: Option<f64>,
+    work: impl FnOnce(Limits) -> Result<T, Error> + Send,
+) -> PyResult<T> {
+    let seconds = max_seconds.unwrap_or(f64::INFINITY);
+    interrupt::run(py, None, |stop: &AtomicBool| work(Limits { stop, seconds }))
+}
+
+/// Whether reactions balance the loads, with the proof.
+#[pyclass(frozen, get_all, name = "Decision", module = "bipot_rs._core")]
+pub(super) struct PyDecision {
+    verdict: &'static str,
+    reaction: Py<PyArray1<f64>>,
+    motion: Py<PyArray1<f64>>,
+    margin: f64,
+    relative_margin: f64,
+    excluded: f64,
+    imbalance: f64,
+}
+
+impl PyDecision {
+    fn new(py: Python<'_>, decision: Decision) -> Self {
+        Self {
+            verdict: decision.verdict.name(),
+            reaction: from_vec(py, decision.reaction).unbind(),
+            motion: from_vec(py, decision.motion).unbind(),
+            margin: decision.margin,
+            relative_margin: decision.relative_margin,
+            excluded: decision.excluded,
+            imbalance: decision.imbalance,
+        }
+    }
+}
+
+/// The largest multiple of a load, from both sides.
+#[pyclass(frozen, get_all, name = "LimitLoad", module = "bipot_rs._core")]
+pub(super) struct PyLimitLoad {
+    upper: f64,
+    mechanism: Py<PyArray1<f64>>,
+    reached: Option<f64>,
+    reaction: Option<Py<PyArray1<f64>>>,
+    dead: Py<PyDecision>,
+}

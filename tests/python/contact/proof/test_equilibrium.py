@@ -1,0 +1,179 @@
+"""Whether reactions balance the loads: verdicts as a linear programme, proofs without rounding."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+import bipot_rs as bp
+from support.heaps import Heap, is_carried, make_heap
+from support.masonry import LIMITS, wall
+from support.rational import excludes_balance
+
+Array = NDArray[np.float64]
+
+
+def rigid(
+    R: Array, e: Array, mu: float | Array, d: int, **law: float | Array
+) -> bp.ReducedProblem:
+    """Rigid bodies: no compliance and no free displacement."""
+    count = len(R) // d
+    nothing = csr_array((len(R), len(R)))
+    return bp.ReducedProblem(nothing, np.zeros((count, d)), mu, rigid=(R, e), **law)
+
+
+def check(problem: bp.ReducedProblem) -> str:
+    """The verdict, after its proof has been checked."""
+    found = problem.equilibrium()
+    assert problem.rigid is not None
+    R, e = problem.rigid
+    if found.verdict == "none":
+        assert found.motion is not None
+        assert found.margin < 0
+        assert np.isinf(found.excluded)
+        d = problem.q.shape[1]
+        assert excludes_balance(R, e, problem.mu, found.motion, d)
+    if found.verdict == "balanced":
+        assert found.reaction is not None
+        # The default tolerance of a solution.
+        assert problem.residual(found.reaction, np.zeros(len(e))) <= 1e-10
+    return found.verdict
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(40), pytest.param(range(500), marks=pytest.mark.slow)]
+)
+def test_heaps_of_disks_are_decided_as_by_a_linear_programme(seeds: range) -> None:
+    verdicts = []
+    for seed in seeds:
+        heap = make_heap(seed)
+        if heap is None:
+            continue
+        verdict = check(rigid(heap.R, heap.e, heap.mu, 2))
+        assert (verdict == "balanced") == is_carried(heap), seed
+        verdicts.append(verdict)
+    assert set(verdicts) == {"balanced", "none"}
+
+
+@pytest.mark.parametrize("number", [1, 2, pytest.param(6, marks=pytest.mark.slow)])
+def test_walls_are_decided_on_both_sides_of_their_limit(number: int) -> None:
+    problem = bp.blocks.assemble(wall(number), 0.65)
+    assert problem.rigid is not None
+    R, dead = problem.rigid
+    live = problem.body_force((1.0, 0.0))
+    limit = problem.limit_multiplier(dead, live)
+    assert limit.upper == pytest.approx(LIMITS[number], abs=1e-6)
+    assert limit.reached is not None
+    # Programmes end at 1e-12; the proof takes up to 1e-7.
+    assert limit.upper * (1 - 1e-6) <= limit.reached <= limit.upper
+    assert limit.mechanism is not None
+    # The mechanism proves the bound, without rounding.
+    above = dead + limit.upper * (1 + 1e-14) * live
+    assert excludes_balance(R, above, 0.65, limit.mechanism, 2)
+    for factor, verdict in ((1 - 1e-6, "balanced"), (1 + 1e-6, "none")):
+        load = dead + factor * limit.upper * live
+        assert check(rigid(R, load, 0.65, 2)) == verdict
+
+
+def block(load: Array, mu: float | Array) -> bp.ReducedProblem:
+    """A cube of side 2 on a plane, on its four corners."""
+    rows = []
+    for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        place = np.array([x, y, -1.0])
+        rows += [np.r_[n, np.cross(place, n)] for n in np.eye(3)[[2, 0, 1]]]
+    return rigid(np.array(rows), load, mu, 3)
+
+
+def test_a_block_with_two_coefficients_slides_on_an_ellipse() -> None:
+    # Along (cos, sin) the friction of a weight of 1 is that of an ellipse with half-axes
+    # 0.3 and 0.2, where no corner lifts.
+    mu = np.tile([0.3, 0.2], (4, 1))
+    for angle in np.linspace(0, 2 * np.pi, 7):
+        side = np.array([np.cos(angle), np.sin(angle)])
+        largest = 1 / np.hypot(side[0] / 0.3, side[1] / 0.2)
+        for factor, verdict in ((0.999999, "balanced"), (1.000001, "none")):
+            load = np.zeros(6)
+            load[:2], load[2] = factor * largest * side, -1.0
+            # It is pulled at its foot.
+            load[3:] = np.cross([0, 0, -1.0], load[:3] * [1, 1, 0])
+            assert check(block(load, mu)) == verdict, angle
+
+
+@pytest.mark.parametrize("side", [0.0, 1e-6])
+def test_nothing_holds_a_block_without_friction_against_a_sideways_load(
+    side: float,
+) -> None:
+    load = np.array([side, 0.0, -1.0, 0.0, -side, 0.0])
+    assert check(block(load, 0.0)) == ("none" if side else "balanced")
+
+
+def test_a_wedge_presses_itself() -> None:
+    # A disk between two walls: reactions balance each other without loads, and no motion
+    # opens both contacts. Friction carries any weight.
+    R = np.array([[1.0, 0, 0], [0, 1, 1], [-1, 0, 0], [0, -1, 1]])
+    down = np.array([0.0, -1.0, 0.0])
+    assert check(rigid(R, down, 0.3, 2)) == "balanced"
+    assert check(rigid(R, down, 0.0, 2)) == "none"
+
+
+def test_without_rigid_motions_nothing_is_to_be_balanced() -> None:
+    free = bp.ReducedProblem(np.eye(2), [[1.0, 0.0]], 0.5).equilibrium()
+    assert free.verdict == "balanced"
+    assert free.margin == np.inf
+
+
+def test_groups_do_not_hide_each_other() -> None:
+    heavy, light = make_heap(0), make_heap(1)
+    assert heavy is not None
+    assert light is not None
+    R = np.zeros((len(heavy.R) + len(light.R), len(heavy.e) + len(light.e)))
+    R[: len(heavy.R), : len(heavy.e)] = heavy.R
+    R[len(heavy.R) :, len(heavy.e) :] = light.R
+    mu = np.repeat([heavy.mu, light.mu], [len(heavy.R) // 2, len(light.R) // 2])
+    e = np.concatenate([1e9 * heavy.e, light.e])
+    carried = is_carried(heavy) and is_carried(light)
+    assert check(rigid(R, e, mu, 2)) == ("balanced" if carried else "none")
+
+
+def test_a_live_load_that_contact_always_carries_has_no_limit() -> None:
+    problem = block(np.zeros(6), 0.5)
+    dead, live = np.zeros(6), np.zeros(6)
+    dead[2] = live[2] = -1.0
+    limit = problem.limit_multiplier(dead, live)
+    assert limit.upper == np.inf
+    assert limit.reached == np.inf
+    assert limit.mechanism is None
+    side = dead + np.array([0.6, 0, 0, 0, -0.6, 0])
+    with pytest.raises(bp.NoEquilibriumError, match="e0 alone"):
+        problem.limit_multiplier(side, live)
+
+
+def test_a_heavier_foot_does_not_depend_on_units_or_numbering() -> None:
+    heap = make_heap(4)
+    assert heap is not None
+    order = np.random.default_rng(0).permutation(len(heap.R) // 2)
+    rows = (2 * order[:, None] + [0, 1]).ravel()
+    here = rigid(heap.R, heap.e, heap.mu, 2).equilibrium()
+    there = rigid(heap.R[rows], 1e7 * heap.e, heap.mu, 2).equilibrium()
+    assert here.verdict == there.verdict
+    assert there.margin == pytest.approx(1e7 * here.margin, rel=1e-7)
+
+
+@pytest.fixture(scope="module")
+def heap() -> Heap:
+    heap = make_heap(2)
+    assert heap is not None
+    return heap
+
+
+def test_a_sparse_R_is_taken_as_a_dense_one(heap: Heap) -> None:
+    dense = rigid(heap.R, heap.e, heap.mu, 2)
+    sparse = bp.ReducedProblem(
+        dense.W, dense.q, heap.mu, rigid=(csr_array(heap.R), heap.e)
+    )
+    one, other = dense.equilibrium(), sparse.equilibrium()
+    assert one.verdict == other.verdict
+    assert one.margin == other.margin
+    still = csr_array(np.column_stack([heap.R[:, 0], 0 * heap.R[:, 0]]))
+    with pytest.raises(bp.FloatingBodyError, match="rigid motion 1 moves no contact"):
+        bp.ReducedProblem(dense.W, dense.q, heap.mu, rigid=(still, heap.e[:2]))
