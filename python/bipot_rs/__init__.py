@@ -16,7 +16,7 @@ SciPy, and other parts need the extras of the package.
 
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.lazy import lazily
+from bipot_rs._lib.optional import lazily
 
 if TYPE_CHECKING:
     from bipot_rs import analytic as analytic
@@ -143,7 +143,7 @@ __getattr__, __dir__ = lazily(
         "paraview": "bipot_rs.fem.paraview",
         "petsc": "bipot_rs.petsc",
         "plots": "bipot_rs.plots",
-        "review": "bipot_rs.fem.checks.review",
+        "review": "bipot_rs.fem.checks.inspection",
         "scene": "bipot_rs.scene",
         "theory": "bipot_rs.theory",
         "torch": "bipot_rs.frameworks.torch",

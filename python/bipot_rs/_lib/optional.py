@@ -1,7 +1,12 @@
-"""Error messages that say which extra to install for an optional library."""
+"""Imports at first use: of public names, and of optional libraries.
+
+The error of a library that is not installed says which extra installs it.
+"""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from types import ModuleType
 
@@ -49,3 +54,44 @@ def load_library(name: str, *, extra: str = "io", need: str = "files") -> Module
         return import_module(name)
     except ModuleNotFoundError as error:
         raise missing(error, need, name, extra) from None
+
+
+def lazily(
+    package: str,
+    names: Mapping[str, Sequence[str]],
+    modules: Mapping[str, str] | None = None,
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """Make ``__getattr__`` and ``__dir__`` of a package.
+
+    Parameters
+    ----------
+    package
+        ``__name__`` of the package.
+    names
+        Names that the package exports, by the absolute name of the module with them.
+    modules
+        Exported modules: name of the attribute, absolute name of the module.
+    """
+    places = {name: module for module, exported in names.items() for name in exported}
+    whole = dict(modules or {})
+
+    def getattr_(name: str) -> object:
+        module = whole.get(name) or places.get(name)
+        if module is None:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        try:
+            loaded = import_module(module)
+        except MissingLibraryError:
+            raise
+        except ModuleNotFoundError as error:
+            what = f"{package}.{name} and what uses it"
+            raise missing(error, what, error.name or "", "cli") from None
+        value = loaded if name in whole else getattr(loaded, name)
+        # Python does not call this function for an attribute that exists.
+        setattr(sys.modules[package], name, value)
+        return value
+
+    def dir_() -> list[str]:
+        return sorted({*places, *whole})
+
+    return getattr_, dir_

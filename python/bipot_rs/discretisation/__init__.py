@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.lazy import lazily
+from bipot_rs._lib.optional import lazily
 
 if TYPE_CHECKING:
     from bipot_rs.discretisation.estimator import (

@@ -20,7 +20,7 @@ LONGEST_IN_METRES, SHORTEST_IN_MILLIMETRES = 10.0, 0.05
 # and twice: the warning comes at 2.5 % and at 10 % of strain.
 LARGE_LOAD = 0.05
 
-# --- Warnings after solving (checks/review.py): the same scenes, and test_review.py.
+# --- Warnings after solving (checks/inspection.py): the same scenes, and test_review.py.
 
 # Largest rotation [rad] and strain that count as small; the theory neglects terms of their
 # order. Half and twice: the warning comes at errors of 2.5 % and of 10 %.

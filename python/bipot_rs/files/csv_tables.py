@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bipot_rs._lib.messages import count_noun, printable
-from bipot_rs._lib.strict_numbers import real, whole
+from bipot_rs._lib.text_files import real, whole
 from bipot_rs._lib.types import Floats, Ints
 
 

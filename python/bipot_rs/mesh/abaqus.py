@@ -18,8 +18,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from bipot_rs._lib.byte_order import without
-from bipot_rs._lib.strict_numbers import real, whole
+from bipot_rs._lib.text_files import real, whole, without
 from bipot_rs._lib.types import Ints
 from bipot_rs.mesh.content import Content
 

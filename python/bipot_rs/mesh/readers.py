@@ -26,9 +26,9 @@ from typing import Protocol
 
 import numpy as np
 
-from bipot_rs._lib.byte_order import strip_mark, without
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.optional import load_library
+from bipot_rs._lib.text_files import strip_mark, without
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Ints
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups

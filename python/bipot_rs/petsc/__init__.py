@@ -6,7 +6,7 @@ needs petsc4py and mpi4py, which are imported when a `ContactProblem` is made.
 
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.lazy import lazily
+from bipot_rs._lib.optional import lazily
 
 if TYPE_CHECKING:
     from bipot_rs.petsc.problem import ContactProblem

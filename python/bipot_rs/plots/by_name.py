@@ -21,8 +21,7 @@ from bipot_rs.plots.path import (
     status_shares,
 )
 from bipot_rs.plots.space import surface3d
-from bipot_rs.plots.surface import QUANTITIES, slip, status_map, surface_map
-from bipot_rs.plots.surface_plane import is_plane
+from bipot_rs.plots.surface import QUANTITIES, is_plane, slip, status_map, surface_map
 from bipot_rs.plots.wear import both
 
 if TYPE_CHECKING:

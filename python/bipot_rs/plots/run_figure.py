@@ -15,8 +15,7 @@ from bipot_rs.plots.data import DrawnContacts, look, number_of
 from bipot_rs.plots.line import draw_tractions
 from bipot_rs.plots.path import resultants, status_shares
 from bipot_rs.plots.space import draw_space
-from bipot_rs.plots.surface import draw_map, draw_status
-from bipot_rs.plots.surface_plane import is_plane
+from bipot_rs.plots.surface import draw_map, draw_status, is_plane
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

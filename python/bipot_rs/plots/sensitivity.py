@@ -21,8 +21,7 @@ from bipot_rs.plots.data import (
     selection,
 )
 from bipot_rs.plots.line import lines_of, mark_of, strips
-from bipot_rs.plots.surface import beyond, finish, paint, span
-from bipot_rs.plots.surface_plane import is_line, plane_of
+from bipot_rs.plots.surface import beyond, finish, is_line, paint, plane_of, span
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,13 +2,12 @@
 
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.lazy import lazily
+from bipot_rs._lib.optional import lazily
 
 if TYPE_CHECKING:
-    from bipot_rs.scene.build import bodies
+    from bipot_rs.scene.build import LoadHistory, bodies
     from bipot_rs.scene.case import Case, assemble
     from bipot_rs.scene.library import shipped, text
-    from bipot_rs.scene.load_history import LoadHistory
     from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
     from bipot_rs.scene.reading import check, parse, put, read
 
@@ -31,10 +30,12 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "bipot_rs.scene.build": ("bodies",),
+        "bipot_rs.scene.build": (
+            "LoadHistory",
+            "bodies",
+        ),
         "bipot_rs.scene.case": ("Case", "assemble"),
         "bipot_rs.scene.library": ("shipped", "text"),
-        "bipot_rs.scene.load_history": ("LoadHistory",),
         "bipot_rs.scene.mistakes": ("Mistake", "MistakeKind", "SceneError"),
         "bipot_rs.scene.reading": ("check", "parse", "put", "read"),
     },

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from bipot_rs._lib.types import Ints
+from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surfaces
@@ -24,7 +26,6 @@ from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus
 from bipot_rs.obstacle.triangulated import Surface
-from bipot_rs.scene.load_history import LoadHistory
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import Known, inconsistencies
 from bipot_rs.scene.schema.contact import Rigid
@@ -332,3 +333,27 @@ def split(on: str) -> tuple[str, str]:
     """Split ``"body.surface"`` or ``"body.volume"`` at the dot."""
     body, _, part = on.partition(".")
     return body, part
+
+
+@dataclass(frozen=True)
+class LoadHistory:
+    """A load that changes along the path in proportion to a factor.
+
+    Attributes
+    ----------
+    load : fem.Load or None
+        The load for factor 1; None for a force or a moment at a reference point.
+    number
+        The value and amplitude in the scene, from which the factor is computed.
+    nodal : (n,)
+        Nodal forces for factor 1 [N].
+    history : (steps,)
+        Factor at the end of each load step; empty before the steps are known.
+    """
+
+    load: Load | None
+    number: Varying
+    nodal: Floats
+    history: Floats = field(default_factory=lambda: np.zeros(0))
+
+    __repr__ = short_repr

@@ -20,7 +20,7 @@ from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem import resultants
-from bipot_rs.fem.checks.review import review
+from bipot_rs.fem.checks.inspection import review
 from bipot_rs.fem.contact_surface import result_mesh, surface_labels
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import Case, assemble

@@ -25,9 +25,8 @@ from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.stress_recovery import stress
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 from bipot_rs.fem.checks.inspection import inspect
-from bipot_rs.scene.build import make_loads, make_parts
+from bipot_rs.scene.build import LoadHistory, make_loads, make_parts
 from bipot_rs.scene.histories import Histories
-from bipot_rs.scene.load_history import LoadHistory
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.root import Scene
 

@@ -10,7 +10,7 @@ import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
 from bipot_rs.contact.law.slip_check import measure_distances
-from bipot_rs.fem.checks.review import across, review
+from bipot_rs.fem.checks.inspection import across, review
 
 
 def cube(dim: int, name: str = "a", low: float = 0.0, size: float = 1.0) -> fem.Body:

@@ -13,7 +13,7 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs._lib.byte_order import MARK, strip_mark
+from bipot_rs._lib.text_files import MARK, strip_mark
 from support.matrix_and_tables import written
 
 meshio = pytest.importorskip("meshio")

@@ -6,7 +6,7 @@ import pytest
 from bipot_rs import fem
 from bipot_rs.fem.bodies.elasticity import find_neighbours
 from bipot_rs.mesh import elements
-from bipot_rs.petsc.run.partition import divide_by_coordinates
+from bipot_rs.petsc.run.numbering import divide_by_coordinates
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 5, 8])

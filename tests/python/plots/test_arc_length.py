@@ -154,7 +154,7 @@ def test_one_contact_has_a_place() -> None:
 def test_a_roller_does_not_scale_the_plane_under_it() -> None:
     """Its inclined normals do not change positions along the plane."""
     from bipot_rs.plots.data import DrawnContacts
-    from bipot_rs.plots.surface_plane import plane_of
+    from bipot_rs.plots.surface import plane_of
 
     u, v = np.meshgrid(np.linspace(1, 4, 5), np.linspace(-1, 1, 4))
     x = np.stack([u.ravel(), v.ravel(), np.full(u.size, 0.5)], axis=1)

@@ -524,7 +524,7 @@ class Job(SharedRunner):
         """Print the table of load steps, remarks, times and the names of the files."""
         from bipot_rs.cli.run.report import closing, format_steps
         from bipot_rs.cli.text_table import terminal_width
-        from bipot_rs.fem.checks.review import review
+        from bipot_rs.fem.checks.inspection import review
 
         if not self.reached or code == self.interrupts.status or not self.ranks.first:
             return

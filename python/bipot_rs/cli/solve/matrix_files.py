@@ -34,9 +34,8 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.byte_order import strip_mark, without
 from bipot_rs._lib.messages import count_noun, printable
-from bipot_rs._lib.strict_numbers import real, whole
+from bipot_rs._lib.text_files import real, strip_mark, whole, without
 from bipot_rs._lib.types import Bools, Floats, Ints, SparseMatrix
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact.law.frames import frames, operator

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bipot_rs._lib.messages import count_noun, meant
-from bipot_rs._lib.strict_numbers import real
+from bipot_rs._lib.text_files import real
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.run.output_folder import SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study.folder import read_record

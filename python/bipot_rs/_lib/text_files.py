@@ -1,7 +1,9 @@
-"""Remove the byte-order mark with which programs on Windows begin a text in UTF-8.
+"""Text from files: without a byte-order mark, and numbers without the extensions of Python.
 
-Our own readers use the encoding ``utf-8-sig``, which drops the mark. Libraries that take
-the name of a file get a copy of the file without it.
+Programs on Windows begin a text in UTF-8 with the mark. Our own readers use the encoding
+``utf-8-sig``, which drops it; libraries that take the name of a file get a copy without it.
+``int`` and ``float`` also accept ``1_000`` and the digits of any script: a damaged file with
+``1_000`` in place of ``1,000`` would silently give another number.
 """
 
 from __future__ import annotations
@@ -42,3 +44,19 @@ def strip_mark(path: Path) -> Iterator[Path]:
             with copy.open("wb") as other:
                 shutil.copyfileobj(file, other)
             yield copy
+
+
+def whole(text: str) -> int:
+    """An integer; `ValueError` for anything else."""
+    return int(_plain(text))
+
+
+def real(text: str) -> float:
+    """A number, also ``nan`` and ``inf``; `ValueError` for anything else."""
+    return float(_plain(text))
+
+
+def _plain(text: str) -> str:
+    if "_" in text or not text.isascii():
+        raise ValueError(f"{text!r} is not a number")
+    return text
