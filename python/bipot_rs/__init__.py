@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.wear.record import Wear
     from bipot_rs.fem import paraview as paraview
     from bipot_rs.fem.checks import inspection as inspection
-    from bipot_rs.fem.checks import review as review
+    from bipot_rs.fem.checks import inspection as review  # noqa: F401
     from bipot_rs.frameworks import jax as jax
     from bipot_rs.frameworks import torch as torch
     from bipot_rs.mortar.pairs import Pairs, pairs, rigid_pairs
