@@ -117,7 +117,7 @@ def sum_of_cells(
     """Sum of matrices of cells, for each cell ``(c, c, d, d)`` in one row."""
 
 def project(
-    tau: _Floats, mu: _Floats, base: _Floats | None = None
+    tau: _Floats, law: ContactLaw, base: _Floats | None = None
 ) -> tuple[_Floats, NDArray[np.int8]]:
     """Projects every row of `tau` onto its cone, or increment set when `base` is given."""
 

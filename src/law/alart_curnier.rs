@@ -7,8 +7,13 @@
 //! ‖x_t‖ ≤ c     stick: F = v
 //! else          slip:  F = (v_n, r_t − c t)
 //! ```
+//!
+//! That is `F = r − R(x)`, where `R(x)` is the reaction of a contact with `v = r − x`: the
+//! response of a plastic point with springs of one. With cohesion or dilatancy it is the map.
 
 use crate::law::cone::Status;
+use crate::law::contact_law::ContactLaw;
+use crate::law::plastic_point::{Rate, respond};
 use crate::linalg::small::{Block, Vector, tangential_norm};
 
 /// `F ≈ value + by_r dr + by_v dv` at one contact.
@@ -20,17 +25,33 @@ pub struct Linearised<const D: usize> {
     pub by_v: Block<D>,
 }
 
+impl<const D: usize> Linearised<D> {
+    /// How many components of `v`, from the normal one, the rows make zero.
+    #[must_use]
+    pub fn held(&self) -> usize {
+        match self.status {
+            Status::Open => 0,
+            Status::Slip => usize::from(self.by_r.row(0).iter().all(|&c| c == 0.0)),
+            Status::Stick => D,
+        }
+    }
+}
+
 /// `F` and an element of its generalised derivative at `(r, v)`, scaled.
 #[must_use]
-pub fn linearised<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64) -> Linearised<D> {
+pub fn linearised<const D: usize>(
+    r: &[f64; D],
+    v: &[f64; D],
+    law: impl Into<ContactLaw>,
+) -> Linearised<D> {
+    let law: ContactLaw = law.into();
+    let mu = law.mu;
     let x: [f64; D] = std::array::from_fn(|k| r[k] - v[k]);
+    if !law.is_coulomb() {
+        return respond_at(r, v, &x, &law);
+    }
     if x[0] <= 0.0 {
-        return Linearised {
-            status: Status::Open,
-            value: Vector::from(*r),
-            by_r: Block::identity(),
-            by_v: Block::zeros(),
-        };
+        return open_rows(r, v, &law);
     }
     let c = mu * x[0];
     let length = tangential_norm(&x);
@@ -68,4 +89,52 @@ pub fn linearised<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64) -> Linear
         slip.by_v[(i, 0)] = mu * t[i];
     }
     slip
+}
+
+/// The rows of an open contact, also where `x` is not: `r_n = 0`, and friction up to the cohesion.
+#[must_use]
+pub fn open_rows<const D: usize>(r: &[f64; D], v: &[f64; D], law: &ContactLaw) -> Linearised<D> {
+    if law.cohesion == 0.0 {
+        return Linearised {
+            status: Status::Open,
+            value: Vector::from(*r),
+            by_r: Block::identity(),
+            by_v: Block::zeros(),
+        };
+    }
+    let mut x: [f64; D] = std::array::from_fn(|k| r[k] - v[k]);
+    x[0] = -1.0;
+    let without_dilation = ContactLaw {
+        dilatancy: 0.0,
+        ..*law
+    };
+    respond_at(r, v, &x, &without_dilation)
+}
+
+/// `r − R(x)`, in the digits of `v` where that is zero.
+fn respond_at<const D: usize>(
+    r: &[f64; D],
+    v: &[f64; D],
+    x: &[f64; D],
+    law: &ContactLaw,
+) -> Linearised<D> {
+    let at = respond(x, [1.0, 1.0], law, &Rate::default());
+    let rests = at.flow[1..].iter().all(|&c| c == 0.0);
+    let open = at.jacobian.row(0).iter().all(|&c| c == 0.0);
+    let value = |k: usize| match k {
+        0 if open => r[0],
+        0 => v[0] - at.flow[0],
+        _ if rests => v[k],
+        _ => r[k] - at.stress[k],
+    };
+    Linearised {
+        status: match (open, rests) {
+            (true, _) => Status::Open,
+            (false, true) => Status::Stick,
+            (false, false) => Status::Slip,
+        },
+        value: Vector::from_fn(|k, _| value(k)),
+        by_r: Block::identity() - at.jacobian,
+        by_v: at.jacobian,
+    }
 }

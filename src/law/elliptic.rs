@@ -35,7 +35,7 @@ pub fn project_elliptic(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {
     if mu[0].to_bits() == mu[1].to_bits() {
         return project(tau, mu[0]);
     }
-    shifted(tau, |tau| onto(tau, mu))
+    shifted(tau, |tau, _| onto(tau, mu))
 }
 
 /// [`project_elliptic`] onto `K_D − t⁰`.

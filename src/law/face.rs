@@ -1,15 +1,18 @@
-//! The face of `K_μ` that contains a reaction, and the distance of `V(v)` from the orthogonal
-//! face of the dual cone: the terms of an error bound.
+//! The face of `K_μ`, or of `C` with cohesion, that contains a reaction, and the distance of
+//! `V(v)` from its inward normals, the orthogonal face of the dual cone: the terms of an error
+//! bound.
 //!
 //! `V = (p v_n + μ‖v_t‖, v_t)` with any weight `p > 0`; `p = 1` is de Saxcé's ṽ. The law (9) is
-//! `K_μ ∋ r ⊥ V ∈ K*_μ` for each `p`, because `V·r` is a sum of terms ≥ 0.
+//! `K_μ ∋ r ⊥ V ∈ K*_μ` for each `p`, because `V·r` is a sum of terms ≥ 0; with cohesion
+//! `V·(s − r) ≥ 0` for all `s ∈ C`. Dilatancy would change μ in `V` and has no bound.
 //!
 //! Rounded numbers are near a cone, not on it. A face therefore stands for the *exact* point of
 //! the cone nearest to the numbers, with its distance. Results come with a bound of their
 //! rounding error.
 
 use crate::law::bipotential::law_step;
-use crate::linalg::small::tangential_norm;
+use crate::law::contact_law::ContactLaw;
+use crate::linalg::small::{dot, tangential_norm};
 
 /// Relative error of lengths and quotients of two or three components.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
@@ -26,6 +29,9 @@ pub enum Place<const D: usize> {
     Ray([f64; D]),
     /// Inside; for a cone without friction, on its axis.
     Inside,
+    /// Without pressure, but with the shear of cohesion: at its limit, with the unit vector of the
+    /// shear, or below it.
+    Edge(Option<[f64; D]>),
 }
 
 /// A point of `K_μ`: its numbers have an error of at most `moved` in each component.
@@ -34,42 +40,46 @@ pub struct Face<const D: usize> {
     pub reaction: [f64; D],
     pub place: Place<D>,
     pub moved: f64,
+    smooth: bool,
 }
 
 impl<const D: usize> Face<D> {
     /// The face of a reaction that lies in the cone up to rounding, such as a projection.
     #[must_use]
-    pub fn of(r: &[f64; D], mu: f64) -> Self {
-        let mut axis = [0.0; D];
-        if !(r[0] > NOTHING) {
-            return Self {
-                reaction: axis,
-                place: Place::Apex,
-                moved: 0.0,
-            };
-        }
-        axis[0] = r[0];
+    pub fn of(r: &[f64; D], law: impl Into<ContactLaw>) -> Self {
+        let law: ContactLaw = law.into();
+        let pressed = r[0] > NOTHING;
+        let limit = law.limit(if pressed { r[0] } else { 0.0 });
         let t = tangential_norm(r);
-        if mu == 0.0 || t == 0.0 {
-            return Self {
-                reaction: axis,
-                place: Place::Inside,
-                moved: 0.0,
-            };
-        }
-        if t * (1.0 + ROUNDING) <= mu * r[0] * (1.0 - ROUNDING) {
-            return Self {
-                reaction: *r,
-                place: Place::Inside,
-                moved: 0.0,
-            };
-        }
+        let inside = t * (1.0 + ROUNDING) <= limit * (1.0 - ROUNDING);
         let mut direction = r.map(|c| c / t);
         direction[0] = 0.0;
+        let mut reaction = *r;
+        let place = if !pressed {
+            reaction[0] = 0.0;
+            match (law.cohesion > 0.0, inside) {
+                (false, _) => Place::Apex,
+                (true, true) => Place::Edge(None),
+                (true, false) => Place::Edge(Some(direction)),
+            }
+        } else if inside || t == 0.0 || !law.has_friction() {
+            Place::Inside
+        } else {
+            Place::Ray(direction)
+        };
+        if place == Place::Apex || t == 0.0 || !law.has_friction() {
+            reaction[1..].fill(0.0);
+        }
+        let at_limit = matches!(place, Place::Ray(_) | Place::Edge(Some(_)));
         Self {
-            reaction: *r,
-            place: Place::Ray(direction),
-            moved: (mu * r[0] - t).abs() + ROUNDING * (mu * r[0] + t),
+            reaction,
+            place,
+            moved: if at_limit {
+                (limit - t).abs() + ROUNDING * (limit + t)
+            } else {
+                0.0
+            },
+            smooth: !law.has_friction(),
         }
     }
 
@@ -81,7 +91,7 @@ impl<const D: usize> Face<D> {
     #[must_use]
     pub fn misfit(&self, v: &[f64; D], dv: &[f64; D], p: f64, mu: f64) -> ([f64; D], [f64; D]) {
         // Without friction K* is v_n ≥ 0, and y has the tangents of V.
-        let (v, dv) = if mu == 0.0 {
+        let (v, dv) = if self.smooth {
             (&normal_part(v), &normal_part(dv))
         } else {
             (v, dv)
@@ -118,6 +128,27 @@ impl<const D: usize> Face<D> {
                 let along: f64 = m.iter().zip(&corrected).map(|(m, x)| m * x).sum();
                 let along = along.max(0.0);
                 let e = std::array::from_fn(|k| along * m[k] - corrected[k]);
+                (e, [uncertain; D])
+            }
+            Place::Edge(direction) => {
+                let height = p * v[0] + mu * slip;
+                let mut e = v.map(|c| -c);
+                e[0] = (-height).max(0.0);
+                if let Some(t) = direction {
+                    // The normals are a (1, 0) + b (μ, −t) with a, b ≥ 0.
+                    let against = -dot(&t, v);
+                    let along = (mu * height + against).max(0.0) / (1.0 + mu * mu);
+                    let turned = if height >= mu * against {
+                        against
+                    } else {
+                        along
+                    };
+                    let turned = turned.max(0.0);
+                    e[0] = (mu * turned - height).max(0.0);
+                    for k in 1..D {
+                        e[k] -= turned * t[k];
+                    }
+                }
                 (e, [uncertain; D])
             }
         }

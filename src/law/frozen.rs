@@ -11,6 +11,7 @@
 
 use crate::law::alart_curnier::Linearised;
 use crate::law::cone::{Status, derivative, project};
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::{Block, Vector, minus_scaled, tangential_norm};
 
 /// The set `C` of one contact, and the fixed slip work `s`.
@@ -22,8 +23,8 @@ pub enum Frozen<const D: usize> {
     Contact { tangential: [f64; D] },
     /// Friction with a given normal reaction: `‖r_t‖ ≤ limit` [dSF91, 70].
     Friction { normal: f64, limit: f64 },
-    /// The cone `K_μ`, with `s = slip` added to `v_n` [dSF91, 72].
-    Cone { mu: f64, slip: f64 },
+    /// The set of a law, `K_μ` for Coulomb's, with `s = slip` added to `v_n` [dSF91, 72].
+    Cone { law: ContactLaw, slip: f64 },
 }
 
 impl<const D: usize> Frozen<D> {
@@ -41,8 +42,8 @@ impl<const D: usize> Frozen<D> {
                 normal: normal * to_r,
                 limit: limit * to_r,
             },
-            Self::Cone { mu, slip } => Self::Cone {
-                mu,
+            Self::Cone { law, slip } => Self::Cone {
+                law: law.scaled(to_r),
                 slip: slip * to_v,
             },
         }
@@ -66,9 +67,9 @@ impl<const D: usize> Frozen<D> {
                 x[0] = normal;
                 onto_disc(&mut x, limit);
             }
-            Self::Cone { mu, slip } => {
+            Self::Cone { law, slip } => {
                 x[0] -= rho * slip;
-                return project(&x, mu).0;
+                return project(&x, law).0;
             }
         }
         x
@@ -105,13 +106,15 @@ impl<const D: usize> Frozen<D> {
                 rows.value[0] = r[0] - normal;
                 disc_rows(&mut rows, &x, r, v, limit);
             }
-            Self::Cone { mu, slip } => {
+            Self::Cone { law, slip } => {
                 let mut x = x;
                 x[0] -= slip;
-                let (projected, status) = project(&x, mu);
-                rows.status = status;
+                let (projected, status) = project(&x, law);
+                if law.cohesion == 0.0 {
+                    rows.status = status; // with cohesion there are more conditions
+                }
                 rows.value = Vector::from(*r) - Vector::from(projected);
-                rows.by_v = derivative(&x, mu);
+                rows.by_v = derivative(&x, law);
                 rows.by_r = Block::identity() - rows.by_v;
             }
         }

@@ -11,3 +11,4 @@ pub mod one_node;
 pub mod plastic_point;
 pub mod second_order;
 mod sliding;
+mod slip_multiplier;

@@ -1,13 +1,15 @@
 //! The exact solution of one contact, with the reactions of all others fixed, (18).
 //!
-//! Find `r` with `v = W r + q`, `K*_μ ∋ ṽ ⊥ r ∈ K_μ`, for one block `W` of the compliance. The
+//! Find `r` with `v = W r + q` on the law, `K*_μ ∋ ṽ ⊥ r ∈ K_μ` for Coulomb's, for one block `W` of the compliance. The
 //! block need not be symmetric: it is so up to rounding in an elastic problem, but not in a
 //! measured one.
 
 use std::ops::RangeInclusive;
 
 use crate::law::cone::Status;
+use crate::law::contact_law::ContactLaw;
 use crate::law::sliding::Sliding;
+use crate::law::slip_multiplier;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::Block;
 
@@ -27,9 +29,24 @@ pub enum Habit {
 /// stick before slip; of several slip solutions it returns one. It returns `None` if there is
 /// no solution: the normal displacement cannot change (`W_nn ≤ 0`) and penetrates; or the block
 /// is singular and the reaction never opposes the slip; or the numbers are outside the range of
-/// doubles. `mu` and the numbers of `w` and `q` must be finite.
+/// doubles. The numbers of the law, of `w` and of `q` must be finite.
 #[must_use]
 pub fn solve<const D: usize>(
+    w: &Block<D>,
+    q: &[f64; D],
+    law: impl Into<ContactLaw>,
+    habit: Habit,
+) -> Option<([f64; D], Status)> {
+    let law: ContactLaw = law.into();
+    // In the plane and in space Coulomb's law has closed forms.
+    if law.is_coulomb() && D <= 3 {
+        solve_coulomb(w, q, law.mu, habit)
+    } else {
+        slip_multiplier::solve(w, q, &law, habit)
+    }
+}
+
+fn solve_coulomb<const D: usize>(
     w: &Block<D>,
     q: &[f64; D],
     mu: f64,
@@ -80,7 +97,7 @@ pub fn solve<const D: usize>(
 /// if their smallest numbers are many orders smaller.
 const MIDDLE: RangeInclusive<f64> = 1e-20..=1e20;
 
-/// [`solve`] in other units, `2^w_exponent` and `2^q_exponent`, in which the largest numbers
+/// [`solve_coulomb`] in other units, `2^w_exponent` and `2^q_exponent`, in which the largest numbers
 /// are of order one; powers of two are exact.
 #[cold]
 fn shifted<const D: usize>(
@@ -93,7 +110,7 @@ fn shifted<const D: usize>(
 ) -> Option<([f64; D], Status)> {
     let w = w.map(|c| times_two_to(c, -w_exponent));
     let q = q.map(|c| times_two_to(c, -q_exponent));
-    let (r, status) = solve(&w, &q, mu, habit)?;
+    let (r, status) = solve_coulomb(&w, &q, mu, habit)?;
     let r = r.map(|c| times_two_to(c, q_exponent - w_exponent));
     r.iter().all(|c| c.is_finite()).then_some((r, status))
 }

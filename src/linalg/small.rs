@@ -1,4 +1,4 @@
-//! Vectors and blocks of order 2 and 3, with types of nalgebra.
+//! Vectors and blocks of one contact, of order 2 and 3, with types of nalgebra.
 
 use nalgebra::{SMatrix, SVector};
 

@@ -88,7 +88,7 @@ pub fn advance<const D: usize, E: Engine<D>>(
         }
     }
     let nodes = judged.reaction.iter().zip(&point.v).zip(&contacts.law);
-    let gap = nodes.map(|((r, v), law)| bipotential::gap(r, v, law.mu));
+    let gap = nodes.map(|((r, v), law)| bipotential::gap(r, v, *law));
     let status = judged.reaction.iter().zip(&judged.certificate.status);
     let status = status.map(|(r, &status)| {
         if r.iter().all(|&c| c == 0.0) {

@@ -11,6 +11,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::alart_curnier::linearised;
 use crate::law::cone::Status;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::lu::Lu;
 use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{Block, Vector, norm, tangential_norm};
@@ -28,7 +29,7 @@ const WORST_CONDITION: f64 = 1e10;
 
 /// The index of a solution, `det(B + A W)/|det(B + A W)|`, with `B`, `A` the derivatives of
 /// (19) by `r` and by `v`; open contacts give 1. `None` at a boundary between statuses, where
-/// (19) has no derivative, and if rounding might change the sign.
+/// (19) has no derivative, if rounding might change the sign, and for laws other than Coulomb's.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -40,6 +41,12 @@ pub fn index<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
     let scaling = &problem.scaling;
+    if !problem.law[nodes.clone()]
+        .iter()
+        .all(ContactLaw::is_coulomb)
+    {
+        return Ok(None);
+    }
     let (mut r, mut v) = (r.to_vec(), v.to_vec());
     for _ in 0..CORRECTIONS {
         let Some(margin) = margin(problem, nodes.clone(), &r, &v) else {

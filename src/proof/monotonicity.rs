@@ -8,6 +8,9 @@
 //! A = sym(S W) − ½ [ Wᵀ P_tᵀ diag(μθ) P_t W + P_nᵀ diag(μ/θ) P_n ]
 //! ```
 //!
+//! With dilatancy `V = (v_n + (μ − β)‖v_t‖, v_t)`, and μ stands for `μ − β`: only with `p = 1`.
+//! Cohesion changes the set of the reactions only, and nothing here.
+//!
 //! `W` need not be symmetric. For a contact that slides in an approximately known direction,
 //! the triangle inequality is not needed: see [`KnownSlip`].
 
@@ -15,6 +18,7 @@ use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::random_signs::random_signs;
@@ -169,7 +173,10 @@ pub struct Monotonicity<const D: usize> {
     pub components: Vec<(usize, usize)>,
     /// Unknown of each component of each contact.
     place: Vec<[Option<usize>; D]>,
+    /// `μ − β`.
     pub mu: Vec<f64>,
+    /// Whether a contact can have tangential reactions.
+    rough: Vec<bool>,
     /// A common θ for other variables in these units, up to a factor: those in which blocks of
     /// `W` have a mean diagonal of one, and those of the caller.
     pub shapes: [Vec<f64>; 2],
@@ -199,7 +206,7 @@ impl<const D: usize> Monotonicity<D> {
         let mut place = vec![[None; D]; nodes.len()];
         for position in nodes.clone() {
             for (k, unknown) in place[position - nodes.start].iter_mut().enumerate() {
-                if k > 0 && problem.law[position].mu == 0.0 {
+                if k > 0 && !problem.law[position].has_friction() {
                     continue;
                 }
                 let felt = |other: usize| {
@@ -211,7 +218,7 @@ impl<const D: usize> Monotonicity<D> {
                     components.push((position, k));
                 } else if problem.q[position][k] == 0.0 {
                     return Err(Touching(position));
-                } else if k == 0 {
+                } else if k == 0 && problem.law[position].cohesion == 0.0 {
                     break;
                 }
             }
@@ -229,7 +236,11 @@ impl<const D: usize> Monotonicity<D> {
         Ok(Self {
             mu: problem.law[nodes.clone()]
                 .iter()
-                .map(|law| law.mu)
+                .map(ContactLaw::correction)
+                .collect(),
+            rough: problem.law[nodes.clone()]
+                .iter()
+                .map(ContactLaw::has_friction)
                 .collect(),
             shapes: [
                 nodes
@@ -281,7 +292,8 @@ impl<const D: usize> Monotonicity<D> {
         self.nodes.clone().find(|&position| {
             let contact = position - self.nodes.start;
             let place = &self.place[contact];
-            self.mu[contact] > 0.0 && place[0].is_some() && place.iter().any(Option::is_none)
+            let moves = place.iter().any(Option::is_some);
+            self.rough[contact] && moves && place.iter().any(Option::is_none)
         })
     }
 

@@ -64,7 +64,7 @@ pub fn assess<const D: usize>(
     for island in problem.compliance.islands() {
         let contacts = island.nodes.len();
         let laws = &problem.law[island.nodes.clone()];
-        let with_friction = laws.iter().filter(|law| law.mu > 0.0).count();
+        let with_friction = laws.iter().filter(|law| law.has_friction()).count();
         if island.blocks().is_some() && D * contacts > tuning::sparse_unknowns()
             || bytes::<D>(contacts, with_friction) > MOST_BYTES
         {
@@ -91,7 +91,8 @@ pub fn assess_plane(
     stop: &AtomicBool,
 ) -> Result<Unique, Error> {
     let verdict = assess(problem, r, stop)?;
-    if verdict != Unique::Unknown || problem.contacts() > tuning::few_contacts() {
+    let few = problem.contacts() <= tuning::few_contacts() && enumerate::is_coulomb(problem);
+    if verdict != Unique::Unknown || !few {
         return Ok(verdict);
     }
     let all = enumerate::answers(problem, stop)?;
@@ -152,7 +153,11 @@ fn assess_island<const D: usize>(
     if !hopeless && monotone(&common.weights)? {
         return Ok(Unique::Proved);
     }
-    if let Some(refined) = weights::refined(&monotonicity, &common, stop)?
+    let dilates = problem.law[nodes.clone()]
+        .iter()
+        .any(|law| law.dilatancy > 0.0);
+    if !dilates // the weights of the normals are one
+        && let Some(refined) = weights::refined(&monotonicity, &common, stop)?
         && monotone(&refined)?
     {
         return Ok(Unique::Proved);

@@ -67,7 +67,7 @@ pub(super) enum Coefficients<'py> {
 /// The numbers of the law of each contact: the attributes of a `ContactLaw` of Python.
 #[derive(FromPyObject)]
 pub(super) struct LawArrays<'py> {
-    mu: Coefficients<'py>,
+    pub(super) mu: Coefficients<'py>,
     cohesion: Option<Vector<'py>>,
     dilatancy: Option<Vector<'py>>,
 }
@@ -95,7 +95,6 @@ impl LawArrays<'_> {
             }
         }
         contact_law::check(&laws, laws.len())?;
-        contact_law::require_coulomb(&laws, "this program")?;
         Ok((laws, elliptic))
     }
 }

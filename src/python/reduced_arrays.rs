@@ -232,7 +232,8 @@ impl<const D: usize> ReducedArrays<D> {
 impl ReducedArrays<2> {
     /// All solutions of few contacts, found by trying all statuses.
     pub(super) fn answers(&self, py: Python<'_>) -> PyResult<Option<Answers>> {
-        if self.contacts() > enumerate::MOST_CONTACTS {
+        let coulomb = self.law.iter().all(ContactLaw::is_coulomb);
+        if self.contacts() > enumerate::MOST_CONTACTS || !coulomb {
             return Ok(None);
         }
         let (solutions, complete) = self.run(py, Some(1), None, |problem, stop, _| {

@@ -5,9 +5,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::law::cone::Status;
+use crate::law::contact_law::ContactLaw;
 use crate::law::{cone, elliptic};
 use crate::panics::caught;
-use crate::python::arrays::{self, Coefficients, Matrix};
+use crate::python::arrays::{self, Coefficients, LawArrays, Matrix};
 use crate::reduced::compliance;
 use crate::solver::{Method, Settings};
 use crate::tasks;
@@ -25,24 +26,20 @@ pub(super) fn threads() -> PyResult<usize> {
 
 /// Projects every row of `tau` onto its cone, or increment set when `base` is given.
 #[pyfunction]
-#[pyo3(signature = (tau, mu, base=None))]
+#[pyo3(signature = (tau, law, base=None))]
 pub(super) fn project<'py>(
     py: Python<'py>,
     tau: Matrix<'py>,
-    mu: Coefficients<'py>,
+    law: LawArrays<'py>,
     base: Option<Matrix<'py>>,
 ) -> PyResult<Projected<'py>> {
     let base = base.as_ref();
-    match (&mu, tau.as_array().ncols()) {
+    match (&law.mu, tau.as_array().ncols()) {
         (Coefficients::Elliptic(mu), _) => {
             project_rows::<3, _>(py, &tau, arrays::rows::<2>(mu)?, base, onto_elliptic)
         }
-        (Coefficients::Round(mu), 2) => {
-            project_rows::<2, _>(py, &tau, mu.as_slice()?, base, onto_round)
-        }
-        (Coefficients::Round(mu), _) => {
-            project_rows::<3, _>(py, &tau, mu.as_slice()?, base, onto_round)
-        }
+        (_, 2) => project_rows::<2, _>(py, &tau, &law.read(2)?.0, base, onto_round),
+        _ => project_rows::<3, _>(py, &tau, &law.read(3)?.0, base, onto_round),
     }
 }
 
@@ -71,11 +68,11 @@ type Onto<const D: usize, M> = fn(&[f64; D], Option<&[f64; D]>, M) -> ([f64; D],
 fn onto_round<const D: usize>(
     tau: &[f64; D],
     base: Option<&[f64; D]>,
-    mu: f64,
+    law: ContactLaw,
 ) -> ([f64; D], Status) {
     match base {
-        Some(base) => cone::project_increment(tau, base, mu),
-        None => cone::project(tau, mu),
+        Some(base) => cone::project_increment(tau, base, law),
+        None => cone::project(tau, law),
     }
 }
 

@@ -9,6 +9,9 @@
 //! non-negative amounts of generated columns finds it: each round adds the force in the cones
 //! that does most work against `s`.
 //!
+//! Cohesion only resists: the programme is that of the cones without it, and the proof counts its
+//! work.
+//!
 //! Which motions are free is not asked here: [`bodies`](crate::bodies) has decided it, by rows of
 //! `K`, which act in both directions. Contacts push only. So neither this programme nor
 //! [`runaway`], which looks for the motion along which an iteration has gone, is a question of

@@ -303,19 +303,19 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
         let mut rest = Vec::with_capacity(D * self.r.len());
         let mut jacobian = Vec::with_capacity(self.r.len());
         let contacts = self.force.iter().zip(self.at(motion));
-        for ((force, v), law) in contacts.zip(&self.problem.law) {
-            let mu = law.mu;
-            let (projected, _) = bipotential::law_step(force, &v, 1.0, mu);
+        for (i, (force, v)) in contacts.enumerate() {
+            let law = self.problem.scaled_law(i);
+            let (projected, _) = bipotential::law_step(force, &v, 1.0, law);
             rest.extend(force.iter().zip(&projected).map(|(x, p)| x - p));
-            let tau = Vector::from(*force) - Vector::from(bipotential::corrected(&v, mu));
+            let tau = Vector::from(*force) - Vector::from(bipotential::corrected(&v, law));
             let slip = tangential_norm(&v);
             let mut change = Block::<D>::identity();
             if slip > 0.0 {
                 for k in 1..D {
-                    change[(0, k)] = mu * v[k] / slip;
+                    change[(0, k)] = law.correction() * v[k] / slip;
                 }
             }
-            jacobian.push(derivative(&tau.into(), mu) * change);
+            jacobian.push(derivative(&tau.into(), law) * change);
         }
         (rest, jacobian)
     }

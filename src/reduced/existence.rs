@@ -3,7 +3,7 @@
 //!
 //! | witness | condition | what it proves |
 //! |---|---|---|
-//! | rigid motion `a` | `R a ∈ K*_μ` at each contact, `e·a > 0` | no equilibrium: `a·(Rᵀ r + e) > 0` for each `r ∈ K_μ` |
+//! | rigid motion `a` | `R a ∈ K*_μ` at each contact, `e·a > Σ c‖(R a)_t‖` | no equilibrium: `a·(Rᵀ r + e) > 0` for each `r ∈ C`, `K_μ` without cohesion |
 //! | amounts `λ ≥ 0` of normal displacements | `Wᵀ λ = 0`, `Rᵀ λ = 0`, `λ·q < 0` | no equilibrium: `λ·v = λ·q < 0` for each `r` and `a` |
 //! | normal reactions `p ≥ 0` | `Rᵀ p + e = 0` | contact can balance the loads |
 //!
@@ -40,8 +40,9 @@ pub fn excludes(work: f64, lack: f64, size: f64) -> bool {
 #[must_use]
 pub fn is_unresisted<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
     let scaling = &problem.scaling;
-    let mut lack = 0.0_f64;
-    for (i, &ContactLaw { mu, .. }) in problem.law.iter().enumerate() {
+    let (mut lack, mut of_cohesion) = (0.0_f64, 0.0);
+    for i in 0..problem.contacts() {
+        let ContactLaw { mu, cohesion, .. } = problem.scaled_law(i);
         let v: [f64; D] = std::array::from_fn(|k| {
             let mut sum = Sum::default();
             for (mode, &amount) in problem.rigid.modes.iter().zip(a) {
@@ -50,6 +51,9 @@ pub fn is_unresisted<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
             sum.value() * scaling.to_v[i]
         });
         let slack = v[0] - mu * tangential_norm(&v);
+        if cohesion > 0.0 {
+            of_cohesion += cohesion * tangential_norm(&v);
+        }
         // Without friction a contact resists by its normal force alone.
         lack = lack.hypot((-slack).max(0.0) / mu.hypot(1.0).max(1.0));
     }
@@ -60,7 +64,9 @@ pub fn is_unresisted<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
     // r̂·v̂ over r·v is the same for every contact.
     let unit = scaling.to_v.first().zip(scaling.to_r.first());
     let work = unit.map_or(work.value(), |(v, r)| work.value() * r * v);
-    works(problem, a) && excludes(work, lack, norm(&scaling.load))
+    let left = work - of_cohesion;
+    let works = works(problem, a) && (of_cohesion == 0.0 || left > LEAST_WORK * work);
+    works && excludes(left, lack, norm(&scaling.load))
 }
 
 /// Whether the loads work on a rigid motion `a` by more than their rounding.
@@ -82,7 +88,7 @@ pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -
     let (mut lack, mut work, mut size) = (norm(&sums(problem, &normal)), 0.0, 0.0_f64);
     for (i, amount) in amounts.iter().enumerate() {
         // A contact without friction has no tangential reaction.
-        let components = if problem.law[i].mu > 0.0 { D } else { 1 };
+        let components = if problem.law[i].has_friction() { D } else { 1 };
         lack = moved[i][..components]
             .iter()
             .fold(lack, |sum, w| sum.hypot(w * scaling.to_v[i]));
@@ -106,7 +112,7 @@ pub fn balances<const D: usize>(problem: &Reduced<D>, pressure: &[f64]) -> Optio
     let rest: Vec<f64> = sums.iter().zip(&scaling.load).map(|(p, e)| p + e).collect();
     let mut size = norm(&scaling.load);
     for (i, q) in problem.q.iter().enumerate() {
-        let components = if problem.law[i].mu > 0.0 { D } else { 1 };
+        let components = if problem.law[i].has_friction() { D } else { 1 };
         let largest = q[..components].iter().fold(0.0_f64, |m, c| m.max(c.abs()));
         size = size.max(largest * scaling.to_v[i]);
     }

@@ -40,8 +40,8 @@ impl<'a, const D: usize> Reduced<'a, D> {
     /// Takes node arrays in the numbering of the caller.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`] and [`Error::Friction`] for wrong arguments,
-    /// [`Error::DependentMotion`] for a rigid motion that moves no contact, [`Error::Range`]
+    /// [`Error::Shape`], [`Error::NotFinite`] and those of [`contact_law::check`] for wrong
+    /// arguments, [`Error::DependentMotion`] for a rigid motion that moves no contact, [`Error::Range`]
     /// for numbers that cannot be scaled.
     pub fn new(
         compliance: &'a Compliance<'a, D>,
@@ -99,6 +99,12 @@ impl<'a, const D: usize> Reduced<'a, D> {
         other
     }
 
+    /// The law of a contact in scaled variables.
+    #[must_use]
+    pub fn scaled_law(&self, contact: usize) -> ContactLaw {
+        self.law[contact].scaled(self.scaling.to_r[contact])
+    }
+
     #[must_use]
     pub fn contacts(&self) -> usize {
         self.q.len()
@@ -154,7 +160,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
 
 /// Scaling with one number for each node: `r = D r̂`, `v = v̂ / D`, so that the mean of the
 /// diagonal of each block of `Ŵ = D W D` is one. Cones and `μ‖v_t‖` keep their form, and ρ = 1
-/// suits each node.
+/// suits each node. A cohesion is scaled as a force.
 ///
 /// Two powers of two, one for displacements and one for forces, are factored out first: a
 /// change of units by powers of two does not change a bit of a scaled quantity, and another

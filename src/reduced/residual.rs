@@ -1,12 +1,13 @@
 //! The certificate that decides whether a point is a solution, (11) and (13). All solvers share
 //! it.
 //!
-//! `F(r) = r̂ − proj(r̂ − ṽ̂, K_μ)` in scaled variables, where ρ = 1, and
+//! `F(r) = r̂ − proj(r̂ − ṽ̂, C)`, with `C = K_μ` without cohesion, in scaled variables, where ρ = 1, and
 //! `η = ‖F(r)‖ / max(‖r̂‖, ‖F(0)‖)`, zero if both are zero. If only contact holds a body, η is
 //! the larger of this and `‖R̂ᵀ r̂ + ê‖ / ‖ê‖`.
 
 use crate::law::bipotential;
 use crate::law::cone::Status;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::{length, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::tuning;
@@ -41,13 +42,13 @@ pub struct Certificate<const D: usize> {
     pub sound: bool,
     /// `‖F‖` over the displacement that the reactions must cancel.
     left: f64,
-    /// `‖(v̂_n)₋‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding. A large μ hides it from η, in which
+    /// `‖(v̂_n − β‖v̂_t‖)₋‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding. A large μ hides it from η, in which
     /// a sliding contact counts only `v_n/√(1 + μ²)`.
     penetration: f64,
     /// The same over `‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖` of normal components, for contacts with
     /// `W_ii = 0`: without compliance, reactions do not measure displacements.
     depth: f64,
-    /// `‖min(r̂_n, v̂_n)₊‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding: a contact that is open and
+    /// `‖min(r̂_n, v̂_n − β‖v̂_t‖)₊‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding: a contact that is open and
     /// pressed. A large μ hides it from η as it hides penetration.
     apart: f64,
     /// `max(‖r̂‖, ‖F(0)‖)`.
@@ -70,12 +71,16 @@ impl<const D: usize> Certificate<D> {
         let residual = relative(problem, r, law, whole);
         let rounding = Rounding::new(problem, r, &v, a);
         let undone = undone(problem, r, a);
-        let below = v.iter().zip(&problem.scaling.to_v);
-        let below: Vec<f64> = below.map(|(v, s)| (-v[0] * s).max(0.0)).collect();
-        let scaling = problem.scaling.to_v.iter().zip(&problem.scaling.to_r);
-        let pairs = v.iter().zip(r).zip(scaling);
-        let both: Vec<f64> = pairs
-            .map(|((v, r), (to_v, to_r))| (v[0] * to_v).min(r[0] * to_r).max(0.0))
+        let openings = v.iter().zip(&problem.law).map(|(v, law)| law.opening(v));
+        let openings = openings.zip(&problem.scaling.to_v);
+        let openings: Vec<f64> = openings.map(|(opening, s)| opening * s).collect();
+        let below: Vec<f64> = openings.iter().map(|o| (-o).max(0.0)).collect();
+        let pressed = r.iter().zip(&problem.scaling.to_r);
+        let pressed = pressed.map(|(r, to_r)| r[0] * to_r);
+        let both: Vec<f64> = openings
+            .iter()
+            .zip(pressed)
+            .map(|(opening, r)| opening.min(r).max(0.0))
             .collect();
         Self {
             v,
@@ -97,8 +102,7 @@ impl<const D: usize> Certificate<D> {
     pub fn opened(&self, problem: &Reduced<D>, r: &[[f64; D]], tol: f64) -> Vec<bool> {
         let least = DEEPEST * self.tolerance(tol) * self.whole;
         let opened = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| {
-            let lifted = problem.law[i].dilatancy * tangential_norm(v);
-            r[0] == 0.0 && (v[0] - lifted) * problem.scaling.to_v[i] > least
+            r[0] == 0.0 && problem.law[i].opening(v) * problem.scaling.to_v[i] > least
         };
         r.iter().zip(&self.v).enumerate().map(opened).collect()
     }
@@ -168,7 +172,7 @@ pub(super) fn law_norm<const D: usize>(
     for (i, (r, v)) in r.iter().zip(v).enumerate() {
         let r = r.map(|c| c * scaling.to_r[i]);
         let v = v.map(|c| c * scaling.to_v[i]);
-        let (projected, status) = bipotential::law_step(&r, &v, 1.0, problem.law[i].mu);
+        let (projected, status) = bipotential::law_step(&r, &v, 1.0, problem.scaled_law(i));
         report(i, status);
         for (x, p) in r.iter().zip(&projected) {
             squares += (x - p).powi(2);
@@ -184,7 +188,7 @@ fn size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 
     problem.add_rest(a, &mut free);
     let at_zero = free.iter().enumerate().map(|(i, v)| {
         let v = v.map(|c| c * problem.scaling.to_v[i]);
-        let (projected, _) = bipotential::law_step(&[0.0; D], &v, 1.0, problem.law[i].mu);
+        let (projected, _) = bipotential::law_step(&[0.0; D], &v, 1.0, problem.scaled_law(i));
         projected.iter().map(|c| c * c).sum::<f64>()
     });
     at_zero
@@ -325,6 +329,11 @@ impl Rounding {
                 value[k] *= ROUNDING * problem.scaling.to_v[i];
             }
         }
+        for (value, law) in terms.iter_mut().zip(&problem.law) {
+            if law.dilatancy > 0.0 {
+                value[0] += law.dilatancy * tangential_norm(value); // v_n − β‖v_t‖ is compared
+            }
+        }
         let normal: Vec<f64> = terms.iter().map(|value| value[0]).collect();
         // Rigid motions have an error of ε times their length. The normal part of a motion
         // along a wall is such an error; times a motion without bound it would look like
@@ -349,7 +358,7 @@ impl Rounding {
         for (i, value) in felt.iter_mut().enumerate() {
             let r = r[i].map(|c| c * problem.scaling.to_r[i]);
             let v = v[i].map(|c| c * problem.scaling.to_v[i]);
-            let share = feeling(&r, &v, problem.law[i].mu, value[0]);
+            let share = feeling(&r, &v, &problem.scaled_law(i), value[0]);
             for (c, share) in value.iter_mut().zip(share) {
                 *c *= share;
             }
@@ -385,13 +394,21 @@ impl Rounding {
 /// Upper bounds for the change of `F` of a contact with the components of `v̂`: zero if the
 /// contact is open by more than `rounding`; small for tangential components if the contact
 /// slides far under a small pressure, because they only turn a small force.
-fn feeling<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64, rounding: f64) -> [f64; D] {
-    if r.iter().all(|&c| c == 0.0) && v[0] > rounding {
+fn feeling<const D: usize>(
+    r: &[f64; D],
+    v: &[f64; D],
+    law: &ContactLaw,
+    rounding: f64,
+) -> [f64; D] {
+    if r.iter().all(|&c| c == 0.0) && law.cohesion == 0.0 && law.opening(v) > rounding {
         return [0.0; D];
     }
-    let (projected, status) = bipotential::law_step(r, v, 1.0, mu);
+    let (projected, status) = bipotential::law_step(r, v, 1.0, *law);
     let mut share = [1.0; D];
-    if status == Status::Slip {
+    if status == Status::Open && law.cohesion > 0.0 && law.opening(v) > rounding {
+        share[0] = 0.0;
+    }
+    if status == Status::Slip || law.cohesion > 0.0 {
         let tau: [f64; D] = std::array::from_fn(|k| r[k] - v[k]);
         let turned = tangential_norm(&projected) / tangential_norm(&tau).max(f64::MIN_POSITIVE);
         share[1..].fill(turned.min(1.0));

@@ -10,6 +10,8 @@
 //! | proximal points | from 2, from 3, from 1 | 60 outer steps | the point, if much better |
 //! | interior point | from 5, from 6, from 1 | 260 steps a path, each path once | the point, without sweeps |
 //!
+//! With cohesion or dilatancy there are no statuses to try and no interior points.
+//!
 //! *Floating* are bodies that only contact holds; *many* contacts have a sparse `W`. Any stage
 //! ends the method at a solution or a limit of the caller: the monitor checks each point. If the
 //! rounds improve nothing for 5000 iterations, [`solve`](crate::solver::solve::solve) tries the
@@ -197,6 +199,8 @@ impl<'p, const D: usize> Chain<'p, D> {
                 self.take_if_better(end);
                 Ok(())
             }
+            // Its cone is Coulomb's.
+            Stage::Interior if !enumerate::is_coulomb(self.problem) => Ok(()),
             Stage::Interior => {
                 // For any η: if it was lost there, no later point helps.
                 if let Some(end) = interior::run(self.problem, &mut self.path, monitor)? {

@@ -83,7 +83,13 @@ pub struct Enumeration {
     pub visited: usize,
 }
 
-/// Finds all solutions of a plane problem of up to [`MOST_CONTACTS`] contacts.
+/// Whether all contacts have Coulomb's law: only its statuses are tried.
+#[must_use]
+pub fn is_coulomb<const D: usize>(problem: &Reduced<D>) -> bool {
+    problem.law.iter().all(ContactLaw::is_coulomb)
+}
+
+/// Finds all solutions of a plane problem of up to [`MOST_CONTACTS`] contacts with Coulomb's law.
 ///
 /// An empty list with `complete` proves that the problem has no solution.
 ///
@@ -126,8 +132,8 @@ impl<const D: usize> Few<D> {
     }
 }
 
-/// [`answers`] in the positions of the problem, if it is plane and has few contacts; else
-/// `None`.
+/// [`answers`] in the positions of the problem, if it is plane and has few contacts with
+/// Coulomb's law; else `None`.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -135,7 +141,7 @@ pub fn few<const D: usize>(
     problem: &Reduced<D>,
     stop: &AtomicBool,
 ) -> Result<Option<Few<D>>, Error> {
-    if D != 2 || problem.contacts() > MOST_CONTACTS {
+    if D != 2 || problem.contacts() > MOST_CONTACTS || !is_coulomb(problem) {
         return Ok(None);
     }
     let plane = |nodes: &[[f64; D]]| nodes.iter().map(|x| [x[0], x[1]]).collect::<Vec<_>>();

@@ -278,11 +278,11 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 Habit::None
             };
             // A contact that cannot move does not penetrate: this was checked.
-            let mu = self.problem.law[i].mu;
-            let next = match one_node::solve(block, &free, mu, habit) {
+            let law = self.problem.law[i];
+            let next = match one_node::solve(block, &free, law, habit) {
                 Some((next, _)) => next,
                 // No solution with the other reactions fixed: make one projection.
-                None => law_step(&r, &v, scaling.to_v[i] / scaling.to_r[i], mu).0,
+                None => law_step(&r, &v, scaling.to_v[i] / scaling.to_r[i], law).0,
             };
             let dr: [f64; D] = std::array::from_fn(|k| next[k] - r[k]);
             if dr.iter().all(|&c| c == 0.0) {

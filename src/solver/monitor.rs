@@ -4,7 +4,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use crate::error::Error;
-use crate::law::cone::project;
+use crate::law::bipotential::law_step;
+use crate::law::cone::{Status, project};
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::{norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
@@ -176,7 +177,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         let at_rest = self.log.iterations >= self.last_halved + tuning::rest();
         let claims = eta <= self.settings.tol || (eta <= self.floor && at_rest);
         if claims && eta <= 0.5 * self.refuted {
-            let within = within_cones(self.problem, r);
+            let within = within_cones(self.problem, r, v);
             let r = within.as_deref().unwrap_or(r);
             let a = self.no_motion.as_deref().unwrap_or(a);
             let fresh = Certificate::new(self.problem, r, a);
@@ -283,23 +284,41 @@ fn has_no_displacements<const D: usize>(problem: &Reduced<D>) -> bool {
 }
 
 /// The projection of a candidate solution onto the cones; `None` if it lies in them. A large μ
-/// hides from η how far outside the cones a point is: a little more pressure suffices.
-fn within_cones<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Option<Vec<[f64; D]>> {
+/// hides from η how far outside the cones a point is: a little more pressure suffices. With
+/// cohesion an open contact has no pressure at all, not even the rest of an iteration.
+fn within_cones<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    v: &[[f64; D]],
+) -> Option<Vec<[f64; D]>> {
     /// Largest distance of sliding contacts from the boundary of the cone that is due to
     /// rounding.
     const RIM: f64 = 1e-12;
     let outside = |(r, law): (&[f64; D], &ContactLaw)| {
-        tangential_norm(r) > law.mu * r[0] * (1.0 + RIM) || r[0] < 0.0
+        tangential_norm(r) > law.limit(r[0]) * (1.0 + RIM) || r[0] < 0.0
     };
-    if !r.iter().zip(&problem.law).any(outside) {
+    let scaling = &problem.scaling;
+    let open = |i: usize| {
+        let rho = scaling.to_v[i] / scaling.to_r[i];
+        r[i][0] != 0.0
+            && problem.law[i].cohesion > 0.0
+            && law_step(&r[i], &v[i], rho, problem.law[i]).1 == Status::Open
+    };
+    if !r.iter().zip(&problem.law).any(outside) && !(0..r.len()).any(open) {
         return None;
     }
-    let inside = |pair: (&[f64; D], &ContactLaw)| {
-        if outside(pair) {
-            project(pair.0, pair.1.mu).0
-        } else {
-            *pair.0
+    let inside = |(i, pair): (usize, (&[f64; D], &ContactLaw))| {
+        let mut within = *pair.0;
+        if open(i) {
+            // Not onto C, which would press it again.
+            let share = (pair.1.cohesion / tangential_norm(&within)).min(1.0);
+            within = within.map(|c| share * c);
+            within[0] = 0.0;
+        } else if outside(pair) {
+            within = project(&within, *pair.1).0;
         }
+        within
     };
-    Some(r.iter().zip(&problem.law).map(inside).collect())
+    let contacts = r.iter().zip(&problem.law).enumerate();
+    Some(contacts.map(inside).collect())
 }

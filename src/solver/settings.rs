@@ -1,6 +1,7 @@
 //! The settings of a solver: a method, limits and a start value.
 
 use crate::error::Error;
+use crate::law::contact_law::{ContactLaw, require_coulomb};
 
 /// The algorithms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -59,6 +60,28 @@ impl Method {
         names
             .find(|(_, method)| *method == self)
             .map_or("", |(name, _)| name)
+    }
+
+    /// Refuses laws that the method does not solve. Pivoting has the cells of Coulomb's law;
+    /// friction with a fixed pressure has no dilatancy.
+    ///
+    /// # Errors
+    /// [`Error::NotCoulomb`].
+    pub fn require_law(self, laws: &[ContactLaw]) -> Result<(), Error> {
+        match self {
+            Self::Pivoting => require_coulomb(laws, "method 'pivoting'"),
+            Self::AlternatingPrinciples => {
+                let plain: Vec<ContactLaw> = laws
+                    .iter()
+                    .map(|law| ContactLaw {
+                        cohesion: 0.0,
+                        ..*law
+                    })
+                    .collect();
+                require_coulomb(&plain, "method 'alternating_principles'")
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Whether it solves problems with bodies that only contact holds: methods that fix the

@@ -92,14 +92,16 @@ impl<const D: usize> Solution<D> {
     ) {
         let nodes = r.iter().zip(&certificate.v).zip(&problem.law);
         let gap: Vec<f64> = nodes
-            .map(|((r, v), law)| within_range(bipotential::gap(r, v, law.mu)))
+            .map(|((r, v), law)| within_range(bipotential::gap(r, v, *law)))
             .collect();
-        // r = 0 is open, for any rounding of r̂ − ṽ̂ at a grazing contact.
+        // r = 0 is open, for any rounding of r̂ − ṽ̂ at a grazing contact; with cohesion r_n = 0.
         let status: Vec<Status> = r
             .iter()
             .zip(&certificate.status)
-            .map(|(r, &s)| {
-                if r.iter().all(|&c| c == 0.0) {
+            .zip(&problem.law)
+            .map(|((r, &s), law)| {
+                let least = if law.cohesion > 0.0 { 1 } else { D };
+                if r[..least].iter().all(|&c| c == 0.0) {
                     Status::Open
                 } else {
                     s

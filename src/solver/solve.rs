@@ -34,7 +34,8 @@ use crate::solver::tuning;
 ///
 /// # Errors
 /// [`Error::Setting`] for settings out of range, [`Error::NotHeld`] if only contact holds a
-/// body and the method cannot balance it, [`Error::Interrupted`] if `stop` is set.
+/// body and the method cannot balance it, [`Error::NotCoulomb`] if it does not solve the law of a
+/// contact, [`Error::Interrupted`] if `stop` is set.
 pub fn solve<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
@@ -61,6 +62,8 @@ pub fn solve_watched<const D: usize>(
             method: settings.method.name(),
         });
     }
+    let laws = problem.compliance.scatter(&problem.law);
+    settings.method.require_law(&laws)?;
     let mut monitor = Monitor::new(problem, settings, stop, progress);
     if problem.contradiction.is_some() {
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
@@ -161,7 +164,7 @@ fn bilateral_start<const D: usize>(
     };
     let (mut reaction, rigid) = (held.r, held.rigid);
     for (r, law) in reaction.iter_mut().zip(&problem.law) {
-        *r = project(r, law.mu).0; // contacts that would pull start open
+        *r = project(r, *law).0; // contacts that would pull start open
     }
     let v = problem.relative_displacement(&reaction, &rigid);
     monitor.count(1.0);

@@ -416,7 +416,7 @@ fn misfit_leads_to_the_nearest_point<const D: usize>(rng: &mut StdRng, seen: &mu
                 z = direction.map(|t| -t);
                 z[0] = mu;
             }
-            Place::Inside => z = [0.0; D],
+            Place::Inside | Place::Edge(_) => z = [0.0; D],
         }
         assert!(dot(&e, &z) >= -1e-14, "{face:?} {v:?}");
     }
@@ -439,7 +439,7 @@ fn misfit_leads_to_the_nearest_point<const D: usize>(rng: &mut StdRng, seen: &mu
     seen[match face.place {
         Place::Apex => 0,
         Place::Ray(_) => 1,
-        Place::Inside => 2,
+        Place::Inside | Place::Edge(_) => 2,
     }] += 1;
 }
 

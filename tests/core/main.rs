@@ -5,6 +5,7 @@ mod alart_curnier;
 mod amg;
 mod assembly;
 mod balance;
+mod cohesion;
 #[path = "../common/mod.rs"]
 mod common;
 mod condensation;

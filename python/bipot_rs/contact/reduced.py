@@ -174,6 +174,7 @@ class ReducedProblem:
             ("W", W),
             ("q", summary.describe_gaps(self.q[:, 0])),
             ("friction", summary.describe_friction(self.mu)),
+            *summary.describe_law(self.law),
             ("rigid motions", f"{held} held by contact alone"),
         ]
 
@@ -240,10 +241,13 @@ class ReducedProblem:
         Raises
         ------
         TypeError, ValueError
-            ``r`` is not ``(n_c, d)`` or ``a`` is not ``(k,)``, or a number is not finite.
+            ``r`` is not ``(n_c, d)`` or ``a`` is not ``(k,)``, or a number is not finite; or
+            ``a`` is not given with rigid motions and cohesion or dilatancy.
         """
         reaction = floats("r", r, shape=self.q.shape)
         rigid = None if a is None else floats("a", a, shape=(self._motions,))
+        if rigid is None and self._motions:
+            self.law.require_coulomb("residual without a")
         return self._problem.residual(reaction, rigid)
 
     def error_bound(self, r: ArrayLike) -> ErrorBound:
@@ -434,6 +438,7 @@ class ReducedProblem:
         from bipot_rs.contact.proof.reaction_range import find_ranges
 
         component = integer("component", component, least=0, most=self.q.shape[1] - 1)
+        self.law.require_coulomb("reaction_range")
         if solution is None:
             # Slip to rounding, if it can be had: it decides which reactions are answers.
             solution = self.solve(tol=_TIGHT)
@@ -589,6 +594,7 @@ class ReducedProblem:
             raise TypeError(
                 f"exhaust is {validation.show_value(exhaust)}, expected a bool"
             )
+        self.law.require_coulomb("existence")
         # In components scaled by these factors, friction is isotropic.
         by, mu = _core.isotropic(self.mu, self.q.shape[1])
         rigid = self.rigid
@@ -642,7 +648,7 @@ class ReducedProblem:
         from bipot_rs.contact.sensitivity.reduced import ReducedModel
 
         W = self.W if hasattr(self.W, "tocsr") else np.asarray(self.W)
-        return ReducedModel(self._problem, W, self.mu, self._dense_motions)
+        return ReducedModel(self._problem, W, self.law, self._dense_motions)
 
     def _has_several(self, solution: Solution) -> bool:
         exhausted = self._problem.answers()
@@ -670,7 +676,7 @@ class ReducedProblem:
         tried = FailedSolve(
             method=method,
             max_seconds=max_seconds,
-            mu=self.mu,
+            law=self.law,
             W=lambda: make_dense(self.W),
             modes=lambda: self._dense_motions,
             several=self._has_several,

@@ -482,7 +482,7 @@ impl<const D: usize> BoundedIsland<D> {
                 let agrees = match face.place {
                     Place::Apex => true,
                     Place::Ray(ray) => ray[1] * direction[1] < 0.0,
-                    Place::Inside => false,
+                    Place::Inside | Place::Edge(_) => false,
                 };
                 if let (2, true, [tangent], Some(normal)) = (D, agrees, &tangents[..], at(0)) {
                     ties.push(normal, Some((*tangent, -mu * direction[1].signum())));

@@ -20,6 +20,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::bipotential::{self, law_step};
 use crate::law::cone::project;
+use crate::law::contact_law::ContactLaw;
 use crate::law::face::Face;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::dot;
@@ -63,6 +64,10 @@ pub enum Reason {
     Impossible {
         contact: usize,
     },
+    /// A law with dilatancy.
+    Dilatancy {
+        contact: usize,
+    },
     /// Numbers beyond the range of doubles.
     Range,
 }
@@ -80,6 +85,7 @@ impl Reason {
             Self::NotDefinite { contact } => ("not definite", contact),
             Self::Friction { contact } => ("friction", contact),
             Self::Impossible { contact } => ("impossible", contact),
+            Self::Dilatancy { contact } => ("dilatancy", contact),
             Self::Range => ("range", 0),
         }
     }
@@ -165,7 +171,7 @@ impl<const D: usize> Bound<D> {
         let v = problem.exact_displacement(r, rigid);
         let contacts = r.iter().zip(&v).zip(&problem.law);
         let gap: Vec<f64> = contacts
-            .map(|((r, v), law)| bipotential::gap(r, v, law.mu))
+            .map(|((r, v), law)| bipotential::gap(r, v, *law))
             .collect();
         Self {
             kind: BoundKind::Global,
@@ -209,6 +215,10 @@ impl<const D: usize> Prepared<D> {
         stop: &AtomicBool,
     ) -> Result<Result<Vec<BoundedIsland<D>>, Reason>, Error> {
         let caller = problem.compliance.order();
+        let laws = problem.law.iter().zip(caller);
+        if let Some((_, &contact)) = laws.into_iter().find(|(law, _)| law.dilatancy > 0.0) {
+            return Ok(Err(Reason::Dilatancy { contact }));
+        }
         if let Some((contact, _)) = problem.contradiction {
             return Ok(Err(Reason::NoAnswer { contact }));
         }
@@ -278,16 +288,17 @@ impl<const D: usize> Prepared<D> {
             None => (here.clone(), here_error),
             Some((v, error)) => (scaled(v, &self.units.to_v), scaled(error, &self.units.to_v)),
         };
+        let laws = self.laws(problem);
         let onto_cone: Vec<_> = r
             .iter()
-            .zip(&problem.law)
-            .map(|(r, law)| project(r, law.mu).0)
+            .zip(&laws)
+            .map(|(r, law)| project(r, *law).0)
             .collect();
         let by_law: Vec<_> = r
             .iter()
             .zip(&here)
-            .zip(&problem.law)
-            .map(|((r, v), law)| law_step(r, v, 1.0, law.mu).0)
+            .zip(&laws)
+            .map(|((r, v), law)| law_step(r, v, 1.0, *law).0)
             .collect();
         let candidates =
             [by_law, onto_cone].map(|point| self.candidate(problem, islands, &r, point));
@@ -300,11 +311,13 @@ impl<const D: usize> Prepared<D> {
             (energy, bound.alone_within) = (0.0, f64::INFINITY);
             for island in islands {
                 let mut found = island.global_bound(&candidates, &given);
-                if found.is_none() {
+                let nodes = island.monotonicity.nodes.clone();
+                let mut laws = problem.law[nodes.clone()].iter();
+                // The cells of a local bound are those of cones.
+                if found.is_none() && laws.all(|law| law.cohesion == 0.0) {
                     bound.kind = BoundKind::Local;
                     found = island.local_bound(&candidates, &given, least, stop)?;
                 }
-                let nodes = island.monotonicity.nodes.clone();
                 let Some(found) = found else {
                     let contact = caller[nodes.start];
                     return Ok(bound.none(Reason::Friction { contact }));
@@ -328,7 +341,11 @@ impl<const D: usize> Prepared<D> {
         for island in islands {
             let both = bound.contraction.zip(island.contraction);
             bound.contraction = both.map(|(a, b)| a.max(b));
-            let error = island.energy_by_gap(&candidates[1]);
+            let mut laws = problem.law[island.monotonicity.nodes.clone()].iter();
+            // The gap of a cone is measured.
+            let conical = laws.all(|law| law.cohesion == 0.0);
+            let error = conical.then(|| island.energy_by_gap(&candidates[1]));
+            let error = error.flatten();
             by_gap = by_gap.zip(error).map(|(sum, e)| sum.hypot(e));
             size = size.hypot(island.least_size(&r));
         }
@@ -430,6 +447,13 @@ impl<const D: usize> Prepared<D> {
         (v, error)
     }
 
+    /// The laws in the scaled variables.
+    fn laws(&self, problem: &Reduced<D>) -> Vec<ContactLaw> {
+        let laws = problem.law.iter().zip(&self.units.to_r);
+        laws.map(|(law, &to_r)| law.scaled(times_two_to(1.0, to_r)))
+            .collect()
+    }
+
     fn candidate(
         &self,
         problem: &Reduced<D>,
@@ -441,12 +465,13 @@ impl<const D: usize> Prepared<D> {
             for position in island.monotonicity.nodes.clone() {
                 // Nothing moves its normal: it stays open.
                 if island.monotonicity.unknown(position, 0).is_none() {
-                    point[position] = [0.0; D];
+                    let cohesive = problem.law[position].cohesion > 0.0;
+                    point[position][..if cohesive { 1 } else { D }].fill(0.0);
                 }
             }
         }
-        let points = point.iter().zip(&problem.law);
-        let faces: Vec<Face<D>> = points.map(|(r, law)| Face::of(r, law.mu)).collect();
+        let points = point.iter().zip(self.laws(problem));
+        let faces: Vec<Face<D>> = points.map(|(r, law)| Face::of(r, law)).collect();
         let reaction: Vec<_> = faces.iter().map(|face| face.reaction).collect();
         let moved: Vec<_> = faces.iter().map(|face| face.moved).collect();
         let (v, dv) = self.displacement(problem, &reaction, &moved);
@@ -475,7 +500,7 @@ fn share<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -
     problem.compliance.product(&unit, &mut moved);
     let contacts = unit.iter().zip(v).zip(&problem.law);
     let gaps: f64 = contacts
-        .map(|((r, v), law)| bipotential::gap(r, v, law.mu))
+        .map(|((r, v), law)| bipotential::gap(r, v, law.scaled(times_two_to(1.0, -e))))
         .sum();
     let works = unit.iter().zip(&moved).map(|(r, w)| dot(r, w));
     let stored = 0.5 * works.sum::<f64>();

@@ -3,7 +3,7 @@
 //! sparse `W` by a sparse LU.
 //!
 //! Unknowns are `r̂` of the closed contacts and `â`. A frictionless contact has one unknown, an
-//! open one has none.
+//! open one has none without cohesion.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -25,6 +25,12 @@ use crate::tasks;
 /// Largest remainder of a sparse LU, relative to the right side: its rows are exchanged within
 /// fronts only; a few products correct the error.
 const LEFT: f64 = 1e-10;
+/// Whether the rows of a contact say `r = 0`.
+#[must_use]
+pub fn is_free<const D: usize>(problem: &Reduced<D>, node: usize, status: Status) -> bool {
+    status == Status::Open && problem.law[node].cohesion == 0.0
+}
+
 /// Cost of a step with `n` unknowns, in products with `W`.
 #[must_use]
 pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
@@ -53,10 +59,11 @@ pub fn sparse_cost<const D: usize>(whole: &Whole<D>) -> f64 {
     whole.analysis.counts().flops / (tuning::sparse_speed() * product)
 }
 
-/// Rows of one closed contact.
+/// Rows of one closed contact, or of an open one with cohesion.
 #[derive(Clone, Debug)]
 pub struct ClosedContact<const D: usize> {
     pub node: usize,
+    status: Status,
     /// Index of its first unknown, and their number.
     first: usize,
     width: usize,
@@ -89,12 +96,17 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         let mut rows = Vec::new();
         let mut first = 0;
         for (node, at) in law.at.iter().enumerate() {
-            if at.status == Status::Open {
+            if is_free(problem, node, at.status) {
                 continue;
             }
-            let width = if problem.law[node].mu > 0.0 { D } else { 1 };
+            let width = if problem.law[node].has_friction() {
+                D
+            } else {
+                1
+            };
             rows.push(ClosedContact {
                 node,
+                status: at.status,
                 first,
                 width,
                 by_r: at.by_r,
@@ -296,12 +308,16 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         dr
     }
 
-    /// `(r, a)` after the increments `x`; open contacts have no reaction.
+    /// `(r, a)` after the increments `x`; open contacts have no pressure, and without cohesion no
+    /// reaction.
     fn moved(&self, r: &[[f64; D]], rigid: &[f64], x: &[f64]) -> Solved<D> {
         let mut next = self.unpack(x);
         for row in &self.rows {
             for k in 0..row.width {
                 next[row.node][k] += r[row.node][k];
+            }
+            if row.status == Status::Open {
+                next[row.node][0] = 0.0;
             }
         }
         let change = self.problem.scaling.rigid_from_scaled(&x[self.contact..]);

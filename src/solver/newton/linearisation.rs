@@ -1,6 +1,6 @@
 //! The law of all contacts, linearised for one Newton step, (19).
 
-use crate::law::alart_curnier::{Linearised, linearised};
+use crate::law::alart_curnier::{Linearised, linearised, open_rows};
 use crate::law::cone::Status;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::{Block, Vector};
@@ -59,12 +59,13 @@ impl<const D: usize> Linearisation<D> {
         let of_node = |i: usize| {
             let r = r[i].map(|c| c * scaling.to_r[i]);
             let v = v[i].map(|c| c * scaling.to_v[i] * rho);
-            let mut at = linearised(&r, &v, problem.law[i].mu);
+            let mut at = linearised(&r, &v, problem.scaled_law(i));
             at = match at.status {
                 Status::Stick => hold(problem, i, &r, &v),
                 // A contact that no reaction can move is not closed by one.
-                _ if !movable(problem, i, 0) => open(&r),
-                _ => at,
+                _ if !movable(problem, i, 0) => hold_open(problem, i, &r, &v),
+                Status::Open => hold_open(problem, i, &r, &v),
+                Status::Slip => at,
             };
             at.by_v *= rho;
             at
@@ -127,10 +128,10 @@ impl<const D: usize> Linearisation<D> {
             let r = r[i].map(|c| c * scaling.to_r[i]);
             let v = v[i].map(|c| c * scaling.to_v[i]);
             if !holds(i) || !movable(problem, i, 0) {
-                return open(&r);
+                return hold_open(problem, i, &r, &v);
             }
             let mut at = hold(problem, i, &r, &v);
-            if problem.law[i].mu == 0.0 {
+            if !problem.law[i].has_friction() {
                 at.status = Status::Slip; // one unknown, the normal one
                 for (k, r) in r.iter().enumerate().skip(1) {
                     at.by_v[(k, k)] = 0.0;
@@ -148,13 +149,23 @@ impl<const D: usize> Linearisation<D> {
     }
 }
 
-fn open<const D: usize>(r: &[f64; D]) -> Linearised<D> {
-    Linearised {
-        status: Status::Open,
-        value: Vector::from(*r),
-        by_r: Block::identity(),
-        by_v: Block::zeros(),
+/// Rows of an open contact. A tangential component that nothing moves is not held by the reaction
+/// of cohesion: it takes the step of (11).
+fn hold_open<const D: usize>(
+    problem: &Reduced<D>,
+    node: usize,
+    r: &[f64; D],
+    v: &[f64; D],
+) -> Linearised<D> {
+    let mut open = open_rows(r, v, &problem.scaled_law(node));
+    if problem.law[node].cohesion > 0.0 {
+        for k in (1..D).filter(|&k| !movable(problem, node, k)) {
+            open.by_v.fill_row(k, 0.0);
+            open.by_r.fill_row(k, 0.0);
+            open.by_r[(k, k)] = 1.0;
+        }
     }
+    open
 }
 
 /// Rows of `v = 0`. A prescribed component cannot be held: its row makes the reaction zero.

@@ -7,13 +7,13 @@ use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::law::cone::Status;
+use crate::law::alart_curnier::Linearised;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::{length, norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual, scaled_imbalance};
 use crate::solver::monitor::{Monitor, NextStep};
-use crate::solver::newton::compliance_form::{self, ComplianceForm, Solved};
+use crate::solver::newton::compliance_form::{self, ComplianceForm, Solved, is_free};
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost, inversion_cost};
 use crate::solver::newton::search::search;
 use crate::solver::newton::stiffness_form::StiffnessForm;
@@ -73,7 +73,7 @@ pub struct Near<const D: usize> {
     pub centre: Vec<[f64; D]>,
     /// ρ of the map (19); not used with frozen laws.
     pub rho: f64,
-    /// Frozen laws, one for each contact; `None` for Coulomb's law.
+    /// Frozen laws, one for each contact; none for the law itself.
     pub frozen: Vec<Frozen<D>>,
 }
 
@@ -239,14 +239,9 @@ fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f
 /// displacements is cheaper.
 #[must_use]
 pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -> (f64, bool) {
-    let (open, slip) = law
-        .at
-        .iter()
-        .fold((0, 0), |(open, slip), at| match at.status {
-            Status::Open => (open + 1, slip),
-            Status::Slip => (open, slip + 1),
-            Status::Stick => (open, slip),
-        });
+    let free = |(node, at): &(usize, &Linearised<D>)| is_free(problem, *node, at.status);
+    let open = law.at.iter().enumerate().filter(free).count();
+    let held: usize = law.at.iter().map(Linearised::held).sum();
     let motions = problem.scaling.modes.len();
     let closed = D * (problem.contacts() - open) + motions;
     let in_reactions = compliance_form::cost(problem, closed);
@@ -257,7 +252,7 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     } else {
         f64::INFINITY
     };
-    let free = D * open + (D - 1) * slip + motions;
+    let free = D * problem.contacts() - held + motions;
     let in_displacements = factorisation_cost(problem, free) + 2.0 + inverse;
     (
         in_reactions.min(in_displacements),

@@ -1,5 +1,5 @@
 //! One Newton step (19) in the displacements, if `W⁻¹` is known. The unknowns are `dv̂` of open
-//! contacts and the tangential part of sliding ones. If most contacts stick, its matrix is much
+//! contacts and the tangential part of sliding ones, all of it with dilatancy. If most contacts stick, its matrix is much
 //! smaller than the one in the reactions.
 //!
 //! Increments satisfy `dr = W⁻¹ (dv − R da)`. An error of `W⁻¹` is therefore an error of the
@@ -13,7 +13,7 @@ use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::Vector;
 use crate::reduced::reduced::Reduced;
-use crate::solver::newton::compliance_form::Solved;
+use crate::solver::newton::compliance_form::{Solved, is_free};
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
 use crate::tasks;
 
@@ -40,11 +40,10 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         let mut unknowns = Vec::new();
         let mut first = 0;
         for (node, at) in law.at.iter().enumerate() {
-            let from = match at.status {
-                Status::Open => 0,
-                Status::Slip => 1, // the normal row says dv_n = −v_n
-                Status::Stick => continue,
-            };
+            let from = at.held(); // these rows say dv = −v
+            if from == D {
+                continue;
+            }
             unknowns.push(Unknowns { node, first, from });
             first += D - from;
         }
@@ -83,12 +82,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         // The known part of dv: held components of closed contacts become zero.
         let mut known = vec![[0.0; D]; r.len()];
         for (i, at) in self.law.at.iter().enumerate() {
-            let held = match at.status {
-                Status::Open => 0,
-                Status::Slip => 1,
-                Status::Stick => D,
-            };
-            for k in 0..held {
+            for k in 0..at.held() {
                 known[i][k] = -v[i][k];
             }
         }
@@ -127,7 +121,8 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         let amounts = &x[self.contact..];
         let mut next: Vec<[f64; D]> = r.to_vec();
         for (i, value) in next.iter_mut().enumerate() {
-            if self.law.at[i].status == Status::Open {
+            let open = self.law.at[i].status == Status::Open;
+            if is_free(problem, i, self.law.at[i].status) {
                 *value = [0.0; D];
                 continue;
             }
@@ -135,7 +130,9 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
                 let pushed = borders.iter().zip(amounts);
                 value[k] += dr[i][k] - pushed.map(|(b, a)| b[i][k] * a).sum::<f64>();
             }
-            if self.problem.law[i].mu == 0.0 {
+            if open {
+                value[0] = 0.0;
+            } else if !problem.law[i].has_friction() {
                 value[1..].fill(0.0);
             }
         }

@@ -110,7 +110,7 @@ pub fn run_burst<const D: usize>(
 struct Map<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     variant: Variant,
-    /// Frozen laws, one for each contact; `None` for Coulomb's law.
+    /// Frozen laws, one for each contact; `None` for the law itself.
     frozen: &'p [Frozen<D>],
     rho: f64,
     /// `â` of the proximal form.
@@ -260,7 +260,7 @@ impl<'p, const D: usize> Map<'p, D> {
     fn one_projection(&self, from: &UzawaPoint<D>) -> Vec<[f64; D]> {
         let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| match self.frozen.get(i) {
             Some(law) => law.step(r, v, self.rho(i)),
-            None => law_step(r, v, self.rho(i), self.problem.law[i].mu).0,
+            None => law_step(r, v, self.rho(i), self.problem.law[i]).0,
         };
         from.r.iter().zip(&from.v).enumerate().map(node).collect()
     }
@@ -271,13 +271,14 @@ impl<'p, const D: usize> Map<'p, D> {
     fn two_projections(&self, from: &UzawaPoint<D>) -> UzawaPoint<D> {
         let mut r = from.r.clone();
         for (i, r) in r.iter_mut().enumerate() {
-            r[0] = (r[0] - self.rho(i) * from.v[i][0]).max(0.0);
+            let opening = self.problem.law[i].opening(&from.v[i]);
+            r[0] = (r[0] - self.rho(i) * opening).max(0.0);
         }
         let half = self.respond(from, r, 0..1);
         let mut r = half.r.clone();
         for (i, r) in r.iter_mut().enumerate() {
             // The disc is the section of the cone at the height of its radius.
-            let limit = self.problem.law[i].mu * r[0];
+            let limit = self.problem.law[i].limit(r[0]);
             let tau = minus_scaled(r, self.rho(i), &half.v[i]);
             let length = tangential_norm(&tau);
             let shrink = if length > limit { limit / length } else { 1.0 };
@@ -316,7 +317,7 @@ impl<'p, const D: usize> Map<'p, D> {
         for i in 0..from.r.len() {
             let subtracted = |v: &[f64; D]| match self.variant {
                 Variant::OneProjection | Variant::Momentum if self.frozen.is_empty() => {
-                    corrected(v, self.problem.law[i].mu)
+                    corrected(v, self.problem.law[i])
                 }
                 _ => *v,
             };

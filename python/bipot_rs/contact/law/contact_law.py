@@ -41,8 +41,11 @@ class ContactLaw:
         mu: ArrayLike,
         cohesion: ArrayLike | None = None,
         dilatancy: ArrayLike | None = None,
+        ratio: float = RATIO,
     ) -> ContactLaw:
         """Check the arguments of a problem that are about its law.
+
+        The two coefficients of one contact are within a factor ``ratio`` of each other.
 
         Raises
         ------
@@ -50,7 +53,7 @@ class ContactLaw:
             An argument is wrong; the message names it.
         """
         law = cls(
-            friction(mu, contacts, d, ratio=RATIO),
+            friction(mu, contacts, d, ratio=ratio),
             _check_number("cohesion", cohesion, contacts),
             _check_number("dilatancy", dilatancy, contacts),
         )
@@ -68,6 +71,22 @@ class ContactLaw:
     def is_coulomb(self) -> bool:
         """Whether there is neither cohesion nor dilatancy."""
         return self.cohesion is None and self.dilatancy is None
+
+    def require_coulomb(self, what: str) -> None:
+        """Refuse cohesion and dilatancy, for ``what`` does not take them.
+
+        Raises
+        ------
+        ValueError
+            A contact has one of them; the message names it.
+        """
+        for argument in ("cohesion", "dilatancy"):
+            values = getattr(self, argument)
+            if values is not None:
+                at = int(np.flatnonzero(values)[0])
+                raise ValueError(
+                    f"{what} does not take {argument}, which is {values[at]} at contact {at}"
+                )
 
     def arrays(self) -> dict[str, Floats]:
         """Arrays by the names of `Result.contacts`, for files and for comparison."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.elliptic_friction import (
     dissipation,
     find_largest,
@@ -46,12 +47,17 @@ class FailedSolve:
 
     method: str
     max_seconds: float | None
-    mu: Floats
+    law: ContactLaw
     W: Callable[[], Floats | None]
     modes: Callable[[], Floats]
     several: Callable[[Solution], bool]
     condition: Callable[[], float] = lambda: 0.0
     points: Floats | None = None
+
+    @property
+    def mu(self) -> Floats:
+        """Friction coefficients."""
+        return self.law.mu
 
 
 def diagnose(tried: FailedSolve, solution: Solution, v: Floats) -> str:
@@ -173,8 +179,8 @@ def _find_scale(W: Floats | None, v: Floats, r: Floats) -> Floats:
     return np.full(len(v), np.abs(v).max(initial=0.0) / force if force > 0 else 1.0)
 
 
-def measure_violations(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Floats:
-    """Violation of each part of the law (6), (8e) at each contact, ``(4, n_c)``.
+def measure_violations(r: Floats, v: Floats, law: ContactLaw, scale: Floats) -> Floats:
+    """Violation of each part of the law (6), (8c), (8e) at each contact, ``(4, n_c)``.
 
     The rows are penetration or pull, force on an open contact, friction above its limit,
     and slip that friction does not oppose at its limit, as displacements over ``√scale``.
@@ -183,14 +189,22 @@ def measure_violations(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Float
     r, v = r * root[:, None], v / root[:, None]
     push, shear = r[:, 0], np.linalg.norm(r[:, 1:], axis=1)
     slip = np.linalg.norm(v[:, 1:], axis=1)
-    against = push[:, None] * find_resisting(mu, v[:, 1:])
+    against = push[:, None] * find_resisting(law.mu, v[:, 1:])
+    limit, opening = find_limit(law.mu, r[:, 1:]) * push, v[:, 0]
+    if law.cohesion is not None:
+        sticky = law.cohesion * root
+        limit = limit + sticky
+        unit = v[:, 1:] / np.where(slip > 0, slip, 1.0)[:, None]
+        against = against + sticky[:, None] * unit
+    if law.dilatancy is not None:
+        opening = opening - law.dilatancy * slip
     off = np.linalg.norm(r[:, 1:] + against, axis=1)
     whole = slip + off + shear
     return np.stack(
         [
-            np.maximum(-v[:, 0], 0) + np.maximum(-push, 0),
-            np.maximum(np.minimum(push, v[:, 0]), 0),
-            np.maximum(shear - find_limit(mu, r[:, 1:]) * push, 0),
+            np.maximum(-opening, 0) + np.maximum(-push, 0),
+            np.maximum(np.minimum(push, opening), 0),
+            np.maximum(shear - limit, 0),
             # The direction of a small slip has little weight.
             slip * np.divide(off, whole, out=np.zeros_like(off), where=whole > 0),
         ]
@@ -198,7 +212,7 @@ def measure_violations(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Float
 
 
 def _describe_worst(tried: FailedSolve, r: Floats, v: Floats, scale: Floats) -> str:
-    missed = measure_violations(r, v, tried.mu, scale)
+    missed = measure_violations(r, v, tried.law, scale)
     if not missed.size or not np.isfinite(missed).all():
         return ""
     kind, i = np.unravel_index(int(np.argmax(missed)), missed.shape)
@@ -342,7 +356,7 @@ def _check_rounding_of_slip(
     exact = np.where(np.abs(v) <= bound, 0.0, v)
     scale = _find_scale(W, v, r)
     size = np.sqrt(scale).max() * np.abs(r).max()
-    left = measure_violations(r, exact, tried.mu, scale).max()
+    left = measure_violations(r, exact, tried.law, scale).max()
     hidden = np.linalg.norm(v[:, 1:] - exact[:, 1:], axis=1)
     if (
         left > tuning.SMALL_VIOLATION * size
@@ -468,7 +482,7 @@ def _list_cures(
         elif limit is None and not causes:
             yield "smaller load steps, or another start"
     # η is relative to the reactions, and small if they are much larger than needed.
-    missed = measure_violations(solution.reaction, v, tried.mu, scale).max(initial=0.0)
+    missed = measure_violations(solution.reaction, v, tried.law, scale).max(initial=0.0)
     moved = (np.linalg.norm(v, axis=1) / np.sqrt(scale)).max(initial=0.0)
     if (
         solution.tolerance < solution.residual <= tuning.SMALL_VIOLATION

@@ -180,7 +180,7 @@ class CondensedStep:
         return FailedSolve(
             method=self.data.settings.method,
             max_seconds=self.data.settings.max_seconds,
-            mu=self.data.contacts.law.mu,
+            law=self.data.contacts.law,
             W=lambda: _find_compliance(core),
             modes=lambda: core.modes().T,
             several=several,

@@ -260,7 +260,7 @@ class UncondensedStep:
         tried = FailedSolve(
             method=self.data.settings.method,
             max_seconds=self.data.settings.max_seconds,
-            mu=self.data.contacts.law.mu,
+            law=self.data.contacts.law,
             W=lambda: None,
             modes=lambda: np.empty((d * len(v), 0)),
             several=lambda _step: False,

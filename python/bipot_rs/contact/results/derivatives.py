@@ -222,6 +222,8 @@ class ReducedGradient:
     ----------
     q : (n_c, d)
     mu : (n_c,) or (n_c, 2)
+    cohesion, dilatancy : (n_c,)
+        Zero with two coefficients.
     one_sided : (n_c,)
         As in `Gradient`.
     """
@@ -230,11 +232,13 @@ class ReducedGradient:
         self,
         q: Floats,
         mu: Floats,
+        rest: Floats,
         one_sided: Bools,
         reaction: Floats,
         W: Floats | CsrMatrix,
     ) -> None:
         self.q, self.mu, self.one_sided = q, mu, one_sided
+        self.cohesion, self.dilatancy = rest.T.copy()
         self._reaction, self._given = reaction, W
 
     @cached_property
@@ -297,6 +301,8 @@ class SolutionDerivatives(Protocol[S]):
         W: MatrixLike | None,
         q: ArrayLike | None,
         mu: ArrayLike | None,
+        cohesion: ArrayLike | None,
+        dilatancy: ArrayLike | None,
         /,
     ) -> ReducedTangent:
         """`Solution.jvp`."""

@@ -24,6 +24,7 @@ _REASONS = {
     "there may be several solutions, or no solution close enough was isolated",
     "impossible": "contact {0} has a reaction that the law excludes: a tangential reaction "
     "without friction, or a reaction at a contact that must stay open",
+    "dilatancy": "contact {0} has dilatancy, for which no bound is proved",
     "range": "the numbers leave the range of doubles",
     "working set": "the problem was solved on a working set of its contacts, and the "
     "compliance of the other contacts was not formed",

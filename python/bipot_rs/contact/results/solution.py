@@ -235,12 +235,14 @@ class Solution:
         W: MatrixLike | None = None,
         q: ArrayLike | None = None,
         mu: ArrayLike | None = None,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
     ) -> ReducedTangent:
         """Exact derivatives of the solution of a `ReducedProblem` in a direction (33).
 
         Parameters
         ----------
-        W, q, mu
+        W, q, mu, cohesion, dilatancy
             Changes of the data, shaped as in `ReducedProblem`; the default is zero.
 
         Returns
@@ -265,7 +267,7 @@ class Solution:
         >>> problem.solve().jvp(mu=1.0).reaction.round(12)
         array([[ 0. , -0.5]])
         """
-        return self._derivatives().jvp(self, W, q, mu)
+        return self._derivatives().jvp(self, W, q, mu, cohesion, dilatancy)
 
     def vjp(
         self,

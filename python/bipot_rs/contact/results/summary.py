@@ -13,6 +13,7 @@ import numpy as np
 
 from bipot_rs._lib.messages import count_noun, size
 from bipot_rs._lib.types import AnyArray, Floats, Integers, Record
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.slip_check import MovedStep, find_farthest, measure_distances
 from bipot_rs.contact.law.status import STATUS_NAMES
@@ -175,6 +176,21 @@ def describe_friction(mu: Floats) -> str:
     if 0 < without < len(mu):
         words += f", {count_noun(without, 'contact')} without friction"
     return words if mu.ndim == 1 else f"{words}, by direction"
+
+
+def describe_law(law: ContactLaw) -> list[tuple[str, str]]:
+    """Rows of the numbers of a law other than friction, for a summary.
+
+    >>> law = ContactLaw(np.array([0.5, 0.5]), np.array([0.0, 2.0]))
+    >>> describe_law(law)
+    [('cohesion', 'from 0 to 2')]
+    """
+    rows = []
+    for name, values in (("cohesion", law.cohesion), ("dilatancy", law.dilatancy)):
+        if values is not None:
+            low, high = f"{values.min():g}", f"{values.max():g}"
+            rows.append((name, low if low == high else f"from {low} to {high}"))
+    return rows
 
 
 def describe_gaps(gap: Floats) -> str:

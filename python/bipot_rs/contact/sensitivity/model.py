@@ -112,7 +112,7 @@ def check_changes(
         motions,
         None if gap is None else _check_gap(model, gap, steps, shape),
         spread_change("mu", change.mu, mu, shape[1]),
-        _check_rest(change, mu),
+        check_rest(change.cohesion, change.dilatancy, mu),
         _check_matrix(change.K, model.n),
     )
 
@@ -131,9 +131,11 @@ def spread_change(what: str, change: ArrayLike | None, mu: Floats, d: int) -> Fl
     return spread_friction(change_of_mu, d)
 
 
-def _check_rest(change: DataChange, mu: Floats) -> Floats | None:
+def check_rest(
+    cohesion: ArrayLike | None, dilatancy: ArrayLike | None, mu: Floats
+) -> Floats | None:
     """Changes of cohesion and dilatancy, ``(n_c, 2)``; None for zero."""
-    given = {"cohesion": change.cohesion, "dilatancy": change.dilatancy}
+    given = {"cohesion": cohesion, "dilatancy": dilatancy}
     if all(value is None for value in given.values()):
         return None
     rest = np.zeros((len(mu), 2))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.results.derivatives import ReducedGradient, ReducedTangent
 from bipot_rs.contact.sensitivity.borders import Terms, find_borders
 from bipot_rs.contact.sensitivity.directional import differentiate_step
@@ -18,6 +19,7 @@ from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import LinearisedStep, StepChange
 from bipot_rs.contact.sensitivity.model import (
     check_cotangent,
+    check_rest,
     spread_change,
     spread_friction,
 )
@@ -35,7 +37,7 @@ class ReducedModel:
     ----------
     core
         The problem in the core.
-    W, mu
+    W, law
         As given.
     modes : (d n_c, k)
         R.
@@ -43,7 +45,7 @@ class ReducedModel:
 
     core: _core.Reduced
     W: Floats | CsrMatrix
-    mu: Floats
+    law: ContactLaw
     modes: Floats
 
     def linear(self, solution: Solution) -> LinearisedStep:
@@ -60,9 +62,12 @@ class ReducedModel:
                 "derivatives: solve with a larger max_iterations or another method"
             )
         r, v = solution.reaction, solution.relative_displacement
-        friction = spread_friction(self.mu, r.shape[1])
+        friction = spread_friction(self.law.mu, r.shape[1])
         status = solution.status.astype(np.int64)
-        point = Point(r, v[:, 0], v[:, 1:], status, friction)
+        opening, cohesion, dilatancy = v[:, 0], self.law.cohesion, self.law.dilatancy
+        if dilatancy is not None:
+            opening = opening - dilatancy * np.linalg.norm(v[:, 1:], axis=1)
+        point = Point(r, opening, v[:, 1:], status, friction, cohesion, dilatancy)
         response = ReducedResponse(self.core, self.W, r.shape, self.modes)
         rigid = solution.rigid_motion
         moved = response.find_relative_motion(
@@ -80,16 +85,19 @@ class ReducedModel:
         W: MatrixLike | None,
         q: ArrayLike | None,
         mu: ArrayLike | None,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
     ) -> ReducedTangent:
         """`Solution.jvp`."""
         shape = solution.reaction.shape
         free = np.zeros(shape) if q is None else floats("q", q, shape=shape)
         if W is not None:
             free = free + self._apply_change(W, solution.reaction)
-        friction = spread_change("mu", mu, self.mu, shape[1])
+        friction = spread_change("mu", mu, self.law.mu, shape[1])
+        rest = check_rest(cohesion, dilatancy, self.law.mu)
         linear = self.linear(solution)
         still = np.zeros(self.modes.shape[1])
-        r, a = differentiate_step(linear, StepChange(free, still, friction))
+        r, a = differentiate_step(linear, StepChange(free, still, friction, rest))
         v = free + linear.response.find_relative_motion(r, a)
         return ReducedTangent(r, v, linear.borders.any)
 
@@ -118,7 +126,12 @@ class ReducedModel:
         system = linear.adjoint()
         pushed = np.asarray(self.W.T @ v.ravel(), np.float64).reshape(shape)
         w, _ = system.solve_transposed(r + pushed, self.modes.T @ v.ravel())
-        pulled, by_mu = system.laws.adjoint(w, self.mu)
+        pulled, by_mu = system.laws.adjoint(w, self.law.mu)
         return ReducedGradient(
-            v - pulled, by_mu, linear.borders.any, solution.reaction, self.W
+            v - pulled,
+            by_mu,
+            system.laws.adjoint_rest(w) * (self.law.mu.ndim == 1),
+            linear.borders.any,
+            solution.reaction,
+            self.W,
         )

@@ -27,7 +27,7 @@ pub fn frozen_contact<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> V
         let normal = r[0].max(0.0);
         Frozen::Friction {
             normal,
-            limit: law.mu * normal,
+            limit: law.limit(normal),
         }
     };
     r.iter().zip(&problem.law).map(given).collect()

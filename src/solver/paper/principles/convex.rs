@@ -200,7 +200,7 @@ pub fn into_cones<const D: usize>(
     monitor: &mut Monitor<D>,
 ) {
     let within = point.r.iter().zip(&problem.law);
-    let r: Vec<[f64; D]> = within.map(|(r, law)| project(r, law.mu).0).collect();
+    let r: Vec<[f64; D]> = within.map(|(r, law)| project(r, *law).0).collect();
     if r != point.r {
         *point = PrinciplePoint::new(problem, r, std::mem::take(&mut point.rigid));
         monitor.count(1.0);

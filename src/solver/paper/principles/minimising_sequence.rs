@@ -7,7 +7,7 @@
 //! B(τ, r) = ½ (τ − r)ᵀ W (τ − r) + Σ γ(v(τ), r)  ≥ 0.
 //! ```
 //!
-//! The minimum of `B` over displacements has Tresca's reactions τ with limits fixed at `μ r_n`.
+//! The minimum of `B` over displacements has Tresca's reactions τ with limits fixed at `c + μ r_n`.
 //! The minimum over reactions is that of the stress principle with slip fixed at `v_t(τ)`.
 //! Alternately they decrease `B`: to 0 at a solution, or to a positive limit, where each is the
 //! minimum for the other and neither is a solution.
@@ -73,8 +73,9 @@ pub fn bifunctional<const D: usize>(
                 .map(|k| (of_u.r[i][k] - of_r.r[i][k]) * (of_u.v[i][k] - of_r.v[i][k]))
                 .sum();
             let mut v = of_u.v[i];
-            v[0] = v[0].max(0.0);
-            0.5 * energy + gap(&of_r.r[i], &v, problem.law[i].mu)
+            let law = problem.law[i];
+            v[0] -= law.opening(&v).min(0.0);
+            0.5 * energy + gap(&of_r.r[i], &v, law)
         })
         .sum()
 }

@@ -173,7 +173,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     slopes = np.array([[[-0.5, 0.5, 0.5, -0.5], [-0.5, -0.5, 0.5, 0.5]]])
     settings = [*limits, None, None, 1]
     return {
-        "project": (_core.project, [GAP, MU, None]),
+        "project": (within_law(_core.project, 1), [GAP, MU, None]),
         "Condensed": (
             within_law(lambda *a: _core.Condensed(*a, 1).compliance(), 3),
             [EYE, EYE, GAP, MU, np.zeros(0, np.int64)],

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.messages.diagnosis import measure_violations
 from support.methods import METHODS
 
@@ -374,7 +375,7 @@ def test_violations_of_each_contact() -> None:
     """By hand, with W_ii = 4: displacements count half, forces count twice."""
     r = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.6], [1.0, 0.5], [0.0, 0.0]])
     v = np.array([[-0.2, 0.0], [0.2, 0.0], [0.0, 0.0], [0.0, 0.2], [3.0, 7.0]])
-    violations = measure_violations(r, v, np.full(5, 0.5), np.full(5, 4.0))
+    violations = measure_violations(r, v, ContactLaw(np.full(5, 0.5)), np.full(5, 4.0))
     # With a slip of 0.1, a share 2 / (0.1 + 2 + 1) of the force has the wrong direction.
     expected = np.zeros((4, 5))
     expected[0, 0], expected[1, 1], expected[2, 2] = 0.1, 0.1, 0.2
