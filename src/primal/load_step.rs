@@ -98,7 +98,7 @@ pub fn advance<const D: usize, E: Engine<D>>(
         }
     });
     let reduced = contacts_alone(contacts, &judged.reaction, &point.v)?;
-    let opened = (judged.certificate).opened(&reduced, &judged.reaction, settings.tol);
+    let opened = (judged.certificate).opened(&reduced, settings.tol);
     #[expect(clippy::cast_precision_loss, reason = "a count of products")]
     let work = (solved.krylov + solved.newton) as f64;
     let solution = Solution {

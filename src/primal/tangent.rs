@@ -90,7 +90,7 @@ impl<const D: usize> Tangent<D> {
                     held[first + k] = true;
                     known[first + k] = s[k] * scale;
                 }
-                if at.status != Status::Open || law.by_v.amax() > 0.0 {
+                if at.status != Status::Open || reduced.law[i].cohesion > 0.0 {
                     let mut rows = SlidingTangent::of_law(i, first, frame.free, &law);
                     rows.spring /= scale;
                     rows.target = s;

@@ -97,14 +97,15 @@ impl<const D: usize> Certificate<D> {
         }
     }
 
-    /// Contacts without pressure that are open by more than a converged point may penetrate.
+    /// Contacts that are open by more than a converged point may penetrate.
     #[must_use]
-    pub fn opened(&self, problem: &Reduced<D>, r: &[[f64; D]], tol: f64) -> Vec<bool> {
+    pub fn opened(&self, problem: &Reduced<D>, tol: f64) -> Vec<bool> {
         let least = DEEPEST * self.tolerance(tol) * self.whole;
-        let opened = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| {
-            r[0] == 0.0 && problem.law[i].opening(v) * problem.scaling.to_v[i] > least
+        let opened = |(i, v): (usize, &[f64; D])| {
+            let opening = problem.law[i].opening(v) * problem.scaling.to_v[i];
+            self.status[i] == Status::Open && opening > least
         };
-        r.iter().zip(&self.v).enumerate().map(opened).collect()
+        self.v.iter().enumerate().map(opened).collect()
     }
 
     /// The tolerance of η if the caller asks for `tol`.

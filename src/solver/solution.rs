@@ -112,7 +112,7 @@ impl<const D: usize> Solution<D> {
         self.reaction = whole.scatter(r);
         self.relative_displacement = whole.scatter(&certificate.v);
         self.status = whole.scatter(&status);
-        self.opened = whole.scatter(&certificate.opened(problem, r, settings.tol));
+        self.opened = whole.scatter(&certificate.opened(problem, settings.tol));
         self.bipotential_gap = whole.scatter(&gap);
         self.rigid_motion = rigid;
         self.residual = certificate.residual;

@@ -111,6 +111,7 @@ STEPS = {
     "wear": OF_CONTACTS["wear_depth"],
     "broken": OF_CONTACTS["broken"],
     "dilation": Quantity("opening at which the surfaces meet after slip", "length"),
+    "lift": Quantity("dilation of this step", "length"),
     "frame": CONTACTS["frame"],
     "drag": Quantity(
         "displacement of the obstacle under the contact since the start",

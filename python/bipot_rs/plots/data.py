@@ -48,6 +48,8 @@ class DrawnContacts:
         As in a `Step`; ``gap`` is the normal part of the relative displacement.
     wear : (n_c,) or None
         Depth worn off.
+    cohesion : (n_c,) or None
+        Cohesion of unbroken contacts, zero at broken ones.
     units
         Names by ``"length"``, ``"force"``, ``"stress"``.
     surface : (n_c,) or None
@@ -70,6 +72,7 @@ class DrawnContacts:
     slip: Floats
     units: Mapping[str, str]
     wear: Floats | None = None
+    cohesion: Floats | None = None
     surface: Integers | None = None
     names: Sequence[str] = ()
     said: str = ""
@@ -89,7 +92,8 @@ class DrawnContacts:
         """Some of the contacts, chosen by a mask or by numbers."""
         arrays = ("x", "frame", "area", "mu", "reaction", "status", "gap", "slip")
         arrays_of_contacts = {
-            name: getattr(self, name) for name in (*arrays, "wear", "surface")
+            name: getattr(self, name)
+            for name in (*arrays, "wear", "cohesion", "surface")
         }
         cut: dict[str, Any] = {
             name: None if array is None else array[chosen]
@@ -246,6 +250,7 @@ def look(
     mu = arrays_of_contacts.get("mu")
     both = (n, 2) if mu is not None and np.ndim(mu) == 2 else (n,)
     shapes = {"x": (n, d), "frame": (n, d, d), "area": (n,), "mu": both}
+    shapes["cohesion"] = (n,)
     optional = {
         name: None
         if arrays_of_contacts.get(name) is None
@@ -256,6 +261,9 @@ def look(
     }
     if optional["frame"] is not None:
         optional["frame"] = find_step_frames(solution, optional["frame"])
+    broken = getattr(solution, "broken", None)
+    if optional["cohesion"] is not None and broken is not None:
+        optional["cohesion"] = np.where(broken, 0.0, optional["cohesion"])
     v = solution.relative_displacement
     fields = {
         "reaction": solution.reaction,

@@ -38,6 +38,7 @@ def tractions(
 ) -> Axes:
     """Pressure and shear along a line, with the friction limit ±μ pressure and the status.
 
+    Cohesion of contacts that are not broken adds to the limit.
     Shear is positive if it pulls the body that has the contacts in the direction of
     growing position. Several surfaces are drawn over the same axis, each with its name.
 
@@ -96,11 +97,11 @@ def draw_tractions(
             colours = (style.cycle(k), style.cycle(k))
         p, t = pressure[line.order], _component(seen, shear, line)
         if seen.mu is not None and line.once:
-            limit = _limit(seen, line) * p
+            limit = _limit(seen, line, p)
             band = style.LIMIT if len(lines) == 1 else colours[0]
             ax.fill_between(line.s, -limit, limit, color=band, alpha=0.15, lw=0)
             dashed: style.LineStyle = {"ls": ":", "color": band, "lw": 1.2}
-            (edge,) = ax.plot(line.s, limit, label="±μ × pressure", **dashed)
+            (edge,) = ax.plot(line.s, limit, label=_name_limit(seen), **dashed)
             ax.plot(line.s, -limit, **dashed)
         ax.plot(line.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
         # In grey the colours are alike.
@@ -114,7 +115,7 @@ def draw_tractions(
     kinds = [h for h in ax.get_lines() if h.get_label() in what]
     kinds += [] if edge is None else [edge]
     if len(lines) > 1:
-        kinds = _styles(what, edge is not None)
+        kinds = _styles(what, "" if edge is None else _name_limit(seen))
     _legend(ax, lines, kinds, seen)
     style.name_axis(ax.xaxis, name, seen.units.get("length"))
     if seen.area is not None:
@@ -160,21 +161,29 @@ def _component(seen: DrawnContacts, tangential: Floats, one: Places) -> Floats:
     return np.asarray(np.einsum("mk,mk->m", tangential_in_order, along), np.float64)
 
 
-def _limit(seen: DrawnContacts, one: Places) -> Floats:
-    """Friction by unit pressure along a line, ``(m,)``."""
+def _limit(seen: DrawnContacts, one: Places, pressure: Floats) -> Floats:
+    """Largest shear along a line, ``(m,)``."""
     mu: Floats = np.asarray(seen.mu, np.float64)[one.order]
+    if seen.cohesion is not None:
+        area = 1.0 if seen.area is None else seen.area[one.order]
+        return np.asarray(seen.cohesion[one.order] / area + mu * pressure)
     if mu.ndim == 1:
-        return mu
+        return mu * pressure
     # The most that an ellipse's points reach along the line.
     tangents = seen.has_frame[one.order, 1:]
-    return dissipation(mu, np.einsum("mkd,md->mk", tangents, one.towards))
+    along = dissipation(mu, np.einsum("mkd,md->mk", tangents, one.towards))
+    return along * pressure
 
 
-def _styles(what: tuple[str, str], limited: bool) -> list[Line2D]:
+def _name_limit(seen: DrawnContacts) -> str:
+    return "±μ × pressure" if seen.cohesion is None else "±(c + μ × pressure)"
+
+
+def _styles(what: tuple[str, str], limit: str) -> list[Line2D]:
     """Legend entries for line styles, if colours distinguish surfaces."""
     from matplotlib.lines import Line2D
 
-    looks = [("-", what[0]), ("--", what[1])] + [(":", "±μ × pressure")] * limited
+    looks = [("-", what[0]), ("--", what[1])] + [(":", limit)] * bool(limit)
     return [Line2D([], [], color="black", lw=1.2, ls=ls, label=s) for ls, s in looks]
 
 

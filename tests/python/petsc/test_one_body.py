@@ -50,6 +50,26 @@ def test_two_friction_coefficients(tmp_path: Path) -> None:
     mpi.compare(parallel, mpi.solve_directly(arrays_of_model, **path))
 
 
+@pytest.mark.parametrize("beta", [0.0, 0.1])
+def test_cohesion_that_breaks(beta: float, tmp_path: Path) -> None:
+    """A block is sheared, lifted at one side and pressed again."""
+    block, (_, sheared) = arrays(4)
+    fixed = block["fixed"]
+    along, upwards = block["coordinates"][fixed, 0], fixed % 3 == 2
+    press = sheared[upwards].max()
+    lift = np.where(upwards, -2.5 * press * along / along.max(), 0.0)
+    prescribed = np.stack([sheared, sheared + lift, 0.5 * sheared])
+    count = len(block["gap"])
+    law = {"cohesion": np.full(count, 0.02), "dilatancy": np.full(count, beta)}
+    expected = mpi.solve_directly(block | law, prescribed=prescribed)
+    assert 0 < expected.broken[1].sum() < count
+    asked = block | law | {"prescribed": prescribed, "tol": mpi.TOL}
+    for ranks in (1, 2):
+        found = mpi.run(tmp_path, "solve", ranks, **asked)
+        mpi.compare(found, expected)
+        assert np.array_equal(found["broken"], expected.broken)
+
+
 @pytest.mark.parametrize("model", [floating, on_springs])
 def test_what_holds_a_body(model: Any, tmp_path: Path) -> None:
     """Contact alone, or springs."""

@@ -38,6 +38,9 @@ def directions(known: dict[str, Any], result: bp.Result, seed: int) -> dict[str,
         "by_slip": rng.standard_normal((steps, contacts, d - 1)) / length,
         "by_displacement": rng.standard_normal((steps, K.shape[0])) / length,
     }
+    if "cohesion" in known:
+        given["along_cohesion"] = 0.1 * force * rng.standard_normal(contacts)
+        given["along_dilatancy"] = 0.1 * rng.standard_normal(contacts)
     if fixed:
         given["along_prescribed"] = length * rng.standard_normal((steps, fixed))
     return given
@@ -59,7 +62,7 @@ def compare(found: dict[str, Any], result: bp.Result, given: dict[str, Any]) -> 
         assert mpi.changed(found[name], getattr(tangent, name)) <= CLOSE, name
     np.testing.assert_array_equal(found["one_sided"], tangent.one_sided)
     gradient = result.vjp(**by)
-    for name in ("gap", "mu", "load"):
+    for name in along.keys() - {"prescribed"}:
         assert mpi.changed(found[f"by_{name}"], getattr(gradient, name)) <= CLOSE, name
     if "prescribed" in along:
         assert mpi.changed(found["by_prescribed"], gradient.prescribed) <= CLOSE
@@ -103,6 +106,13 @@ def test_a_plane_body_on_three_ranks(tmp_path: Path) -> None:
 def test_two_friction_coefficients(tmp_path: Path) -> None:
     known, path = mpi.of_model(pressed(4, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0]))
     both(tmp_path, 2, known, **path)
+
+
+def test_cohesion_and_dilatancy(tmp_path: Path) -> None:
+    known, prescribed = arrays(5)
+    contacts = len(known["gap"])
+    law = {"cohesion": np.full(contacts, 0.01), "dilatancy": np.full(contacts, 0.1)}
+    both(tmp_path, 2, known | law, prescribed=prescribed)
 
 
 @pytest.mark.parametrize("model", [floating, on_springs])

@@ -183,6 +183,18 @@ def test_friction_by_direction_has_its_own_limit() -> None:
         np.testing.assert_allclose(limit, 2.0 * mu[0, k], rtol=1e-9)
 
 
+def test_cohesion_adds_to_the_limit_until_it_breaks() -> None:
+    x = np.stack([np.arange(3.0), np.zeros(3)], axis=1)
+    load = [-2.0, 0.1, -2.0, 0.1, 1.0, 0.0]
+    law = {"gap": np.zeros(3), "mu": 0.5, "cohesion": [1.0, 2.0, 3.0]}
+    places = {"points": x, "frame": np.tile(np.eye(2)[::-1], (3, 1, 1))}
+    ax = plots.tractions(
+        bp.solve(np.eye(6), np.eye(6), load, area=[1.0, 4.0, 1.0], **law, **places)
+    )
+    limit = drawn_lines(ax)["±(c + μ × pressure)"][:, 1]
+    np.testing.assert_allclose(limit, [2.0, 0.75, 0.0], rtol=1e-9)
+
+
 def test_slip_along_a_line(line: Any) -> None:
     model, result = line
     ax = plots.slip(result)

@@ -63,6 +63,9 @@ def problem(given: Given, **other: Any) -> Any:
     B = other.pop("B") if "B" in other else matrix(given, "B")
     first, last = rows_of(matrix(given, "K").shape[0], int(given.get("d", 3)))
     arguments = {"gap": given["gap"], "mu": given["mu"], "fixed": given.get("fixed")}
+    for name in ("cohesion", "dilatancy"):
+        if name in given:
+            arguments[name] = given[name]
     if "gather" in given:
         arguments["gather"] = int(given["gather"])
     if "coordinates" in given:
@@ -80,7 +83,14 @@ def answer(made: Any, result: Any) -> Given:
     """Arrays of a result; they must be the same on every rank, to the bit."""
     arrays = {
         name: getattr(result, name)
-        for name in ("reaction", "relative_displacement", "slip", "status", "residual")
+        for name in (
+            "reaction",
+            "relative_displacement",
+            "slip",
+            "status",
+            "residual",
+            "broken",
+        )
     }
     for name, array in arrays.items():
         assert len(set(comm.allgather(array.tobytes()))) == 1, name
@@ -123,7 +133,7 @@ def derivatives(given: Given) -> Given:
     change = distributed({"d": given.get("d", 3)} | _renamed(given, "dK"))
     along = {
         name: given[f"along_{name}"]
-        for name in ("prescribed", "gap", "mu")
+        for name in ("prescribed", "gap", "mu", "cohesion", "dilatancy")
         if f"along_{name}" in given
     }
     force = [vector(made.K, vector_of_step) for vector_of_step in given["along_load"]]
@@ -147,6 +157,8 @@ def derivatives(given: Given) -> Given:
         "one_sided": tangent.one_sided,
         "by_gap": gradient.gap,
         "by_mu": gradient.mu,
+        "by_cohesion": gradient.cohesion,
+        "by_dilatancy": gradient.dilatancy,
         "by_prescribed": gradient.prescribed,
     }
     for name, array in arrays.items():

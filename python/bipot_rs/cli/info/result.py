@@ -77,9 +77,13 @@ def summarise(path: Path) -> dict[str, object]:
         lines.append(
             f"  contacts  {count_noun(contacts_n, 'contact')} in {dim} dimensions{where}"
         )
-        lines.append(
-            f"  friction  {_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"
-        )
+        numbers = [f"{_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"]
+        numbers += [
+            f"{name} {_span(contacts[name])}"
+            for name in ("cohesion", "dilatancy")
+            if name in contacts
+        ]
+        lines.append(f"  friction  {'; '.join(numbers)}")
     if count:
         summary["residual"] = float(result.residual.max())
         kept = result[0].computed.displacement

@@ -57,6 +57,11 @@ def summarise(name: str) -> dict[str, object]:
     ]
     touching = [
         f"{pair.on} against {pair.against or 'a plane'}, mu {pair.mu}"
+        + "".join(
+            f", {name} {getattr(pair, name):g}"
+            for name in ("cohesion", "dilatancy")
+            if getattr(pair, name)
+        )
         for pair in scene.contact
     ]
     parameter, solver = scene.path.parameter or "step number", scene.solver

@@ -47,7 +47,9 @@ _MOST_ROWS = 60
 def forces(model: Assembly, step: Step) -> dict[str, float | None]:
     """`list_surface_forces` of a model, with keys such as ``"normal_force of block.bottom"``."""
     frame = find_step_frames(step, model.frame)
-    return list_surface_forces(step, frame, model.mu, model.group, surface_names(model))
+    names = surface_names(model)
+    cohesion = model.cohesion if model.cohesion.any() else None
+    return list_surface_forces(step, frame, model.mu, model.group, names, cohesion)
 
 
 def by_surface(

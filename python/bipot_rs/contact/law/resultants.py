@@ -31,7 +31,7 @@ class Resultant:
         On a flat surface ``Ft = ‖Σ r_t‖`` [N], with vectors added in space; on a curved
         surface ``Σ ‖r_t‖`` [N].
     limit
-        Upper limit of ``tangential`` for these normal forces, ``Σ μ r_n`` [N]. With two
+        Upper limit of ``tangential`` for these normal forces, ``Σ (c + μ r_n)`` [N]. With two
         coefficients it is that of the friction ellipse, along the tangential force of a
         flat surface, or along the tangential force of each contact of a curved surface.
     force : (d,)
@@ -62,7 +62,12 @@ def is_curved(normal: Floats) -> bool:
 
 
 def list_resultants(
-    reaction: Floats, frame: Floats, mu: Floats, group: Ints, count: int
+    reaction: Floats,
+    frame: Floats,
+    mu: Floats,
+    group: Ints,
+    count: int,
+    cohesion: Floats | None = None,
 ) -> list[Resultant]:
     """Resultant forces on each contact surface.
 
@@ -78,6 +83,8 @@ def list_resultants(
         Number of the surface of each contact.
     count
         Number of surfaces.
+    cohesion : (n_c,)
+        Cohesion that is left, which adds to the limit; the default is zero.
     """
     resultants = []
     for k in range(count):
@@ -97,6 +104,8 @@ def list_resultants(
                 line = total / size if size > 0 else axes[0, 1]
                 coefficient = dissipation(coefficient, axes[:, 1:] @ line)
             most = float(press @ coefficient)
+        if cohesion is not None:
+            most += float(cohesion[members].sum())
         resultants.append(Resultant(float(press.sum()), size, most, whole, curved))
     return resultants
 

@@ -100,15 +100,17 @@ class Bond:
             return self
         return replace(self, broken=self.broken | opened)
 
-    def grow(self, step: Step) -> Bond:
-        """The bond after a step, with the dilation of its slip."""
+    def complete(self, step: Step, before: Bond) -> Step:
+        """A step with what broke since ``before``, and with the dilation of its slip."""
+        remarks = self._describe_breaking(before)
+        step = replace(step, broken=self.broken, remarks=remarks)
         if self.dilation is None or self.law.dilatancy is None:
-            return self
+            return replace(step, dilation=self.dilation)
         grown = self.law.dilatancy * np.linalg.norm(step.slip, axis=1)
-        meets = ~self._find_opened(step)
-        return replace(self, dilation=self.dilation + np.where(meets, grown, 0.0))
+        lift = np.where(self._find_opened(step), 0.0, grown)
+        return replace(step, dilation=self.dilation + lift, lift=lift)
 
-    def describe_breaking(self, before: Bond) -> tuple[str, ...]:
+    def _describe_breaking(self, before: Bond) -> tuple[str, ...]:
         """A sentence about the contacts that broke since ``before``."""
         if self.broken is None or before.broken is None or self.broken is before.broken:
             return ()

@@ -265,13 +265,7 @@ class PathSolver:
                 work=spent.work + step.work,
                 seconds=spent.seconds + step.seconds,
             )
-        bond, step = self._bond, before.unshift(spent)
-        return replace(
-            step,
-            broken=bond.broken,
-            dilation=bond.grow(step).dilation,
-            remarks=bond.describe_breaking(before),
-        )
+        return self._bond.complete(before.unshift(spent), before)
 
     def _complete(
         self,

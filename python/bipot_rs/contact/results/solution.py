@@ -418,9 +418,9 @@ class Step(Solution):
     broken
         Contacts that have lost their cohesion until the end of the step, ``(n_c,)``; ``None``
         for a problem without cohesion.
-    dilation
+    dilation, lift
         Opening at which the surfaces meet after the step, because dilatancy has lifted them,
-        ``(n_c,)``; ``None`` for a problem without dilatancy.
+        ``(n_c,)``, and the part of it from this step; ``None`` without dilatancy.
     opened
         Contacts that are open by more than the tolerance, ``(n_c,)``; ``None`` in a result
         that was read from a file.
@@ -447,6 +447,7 @@ class Step(Solution):
     cycle: int | None = None
     broken: Bools | None = None
     dilation: Floats | None = None
+    lift: Floats | None = None
     opened: Bools | None = None
     remarks: tuple[str, ...] = ()
     recovery: Recovery | None = None
@@ -464,9 +465,13 @@ class Step(Solution):
         The reactions are those at the end of the step, as in the law of the step. It is
         therefore ``Σ mu r_n ‖slip‖`` up to the residual, and not negative. Over a path it
         is exact in the energy balance if normal forces are constant, and first order in
-        the step size if they change.
+        the step size if they change. The work ``Σ r_n lift`` against the pressure, which
+        dilatancy stores, is no part of it.
         """
-        return -float(np.sum(self.reaction[:, 1:] * self.slip))
+        work = -float(np.sum(self.reaction[:, 1:] * self.slip))
+        return (
+            work if self.lift is None else work - float(self.reaction[:, 0] @ self.lift)
+        )
 
     @property
     def displacement(self) -> Floats:

@@ -38,6 +38,7 @@ _WRITTEN = (
     "cycle",
     "broken",
     "dilation",
+    "lift",
 )
 
 
@@ -111,8 +112,9 @@ def read_step(
             raise ValueError(f"wear is wrong, expected ({contacts},) finite numbers")
     if "broken" in record and np.shape(record["broken"]) != (contacts,):
         raise ValueError(f"broken is wrong, expected ({contacts},) values")
-    if "dilation" in record:
-        floats("dilation", record["dilation"], shape=(contacts,))
+    for name in ("dilation", "lift"):
+        if name in record:
+            floats(name, record[name], shape=(contacts,))
     _check_working_set(record, contacts)
     status = record["status"]
     if not np.isin(status, list(Status)).all():

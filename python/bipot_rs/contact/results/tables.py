@@ -55,16 +55,25 @@ def measure_wear(step: Step, area: Floats) -> dict[str, float | None]:
 
 
 def list_surface_forces(
-    step: Step, frame: Floats, mu: Floats, group: Ints, names: Sequence[str]
+    step: Step,
+    frame: Floats,
+    mu: Floats,
+    group: Ints,
+    names: Sequence[str],
+    cohesion: Floats | None = None,
 ) -> dict[str, float | None]:
     """`FORCES` of named surfaces; ``group (n_c,)`` is the surface number of each contact.
+
+    ``cohesion`` is that of unbroken contacts, which adds to the limit ``Σ μ r_n``.
 
     They are those of `Resultant`. Flat surface: ``Σ r_n``, ``‖Σ r_t‖`` and
     ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
     and `COMPONENTS` of the force on the body of the contacts, in global axes.
     """
     forces: dict[str, float | None] = {}
-    each = list_resultants(step.reaction, frame, mu, group, len(names))
+    if cohesion is not None and step.broken is not None:
+        cohesion = np.where(step.broken, 0.0, cohesion)
+    each = list_resultants(step.reaction, frame, mu, group, len(names), cohesion)
     for name, force in zip(names, each, strict=True):
         columns: list[tuple[str, float | None]] = list(
             zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
@@ -115,14 +124,12 @@ def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | N
     frame, mu = contacts.get("frame"), contacts.get("mu")
     if frame is None or mu is None:
         return {}
-    group = contacts.get("surface")
+    group, cohesion = contacts.get("surface"), contacts.get("cohesion")
     if group is not None:
-        return list_surface_forces(
-            step, frame, mu, group, list(contacts["surface_names"])
-        )
-    whole = list_surface_forces(
-        step, frame, mu, np.zeros(len(mu), np.int64), ["contacts"]
-    )
+        names = list(contacts["surface_names"])
+        return list_surface_forces(step, frame, mu, group, names, cohesion)
+    group = np.zeros(len(mu), np.int64)
+    whole = list_surface_forces(step, frame, mu, group, ["contacts"], cohesion)
     return {key.removesuffix(" of contacts"): value for key, value in whole.items()}
 
 

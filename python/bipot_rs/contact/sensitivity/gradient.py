@@ -76,7 +76,7 @@ class Backward:
             self._reactions[k] = -pulled if k in self._forces else v - pulled
             self._amounts[k] = -b
             self.mu += rubbed
-            self.rest += system.laws.adjoint_rest(w) * one
+            self.rest += system.laws.adjoint_rest(w) * path.felt[k] * one
             carried = pulled[:, 1:] - of_slip
             lifted = lifted + pulled[:, 0]
 

@@ -68,6 +68,9 @@ class LinearPath:
         cohesion, dilatancy = contacts.get("cohesion"), contacts.get("dilatancy")
         # Derivative of β ‖s‖ by the slip, and ‖s‖, of contacts that dilate in each step.
         self.dilation: list[tuple[Floats, Floats]] = []
+        # 1 for the changes of cohesion and dilatancy that a step feels: broken contacts have
+        # no cohesion, whatever it was.
+        self.felt: list[Floats] = []
         self.points: list[Point] = []
         for step in steps:
             length = np.linalg.norm(step.slip, axis=1)
@@ -83,6 +86,9 @@ class LinearPath:
             if cohesion is not None and step.broken is not None:
                 left = np.where(step.broken, 0.0, cohesion)
             self.dilation.append((slope, length))
+            felt = np.ones((self.shape[0], 2))
+            felt[:, 0] = 1.0 if step.broken is None else ~step.broken
+            self.felt.append(felt)
             self.points.append(
                 Point(
                     step.reaction,

@@ -46,7 +46,8 @@ class Forward:
             moved = free.copy()
             moved[:, 1:] -= before
             moved[:, 0] -= lifted
-            change = StepChange(moved, balance, changes.friction, changes.rest)
+            rest = None if changes.rest is None else changes.rest * path.felt[k]
+            change = StepChange(moved, balance, changes.friction, rest)
             self.reaction[k], self._amounts[k] = differentiate_step(
                 path.linear(k), change
             )

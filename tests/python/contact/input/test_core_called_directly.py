@@ -220,6 +220,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             lambda *a: within_law(_core.ContactVariables, 2)(*a).transformation(),
             interface,
         ),
+        "ContactVariables, with_law": (within_law(variables.with_law, 0), [MU]),
         "ContactVariables, change": (
             lambda *a: [
                 change(*a)

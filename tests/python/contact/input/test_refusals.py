@@ -225,6 +225,16 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
     (project, "mu", -0.1, VALUE, r"-0\.1"),
     *((call, "mu", [0.3, 1.1e75], VALUE, r"contact 1 is 1\.1e\+75, expected at most 1e\+75: prod")
       for call in (problem, reduced, whole, project)),
+    (problem, "dilatancy", "loose", EITHER, "dilatancy"),
+    *(
+        (problem, name, value, VALUE, message)
+        for name, value, message in (
+            ("cohesion", [0.1, -0.5], r"contact 1 is -0\.5, expected zero or pos"),
+            ("cohesion", [0.1] * 3, "3.*2"),
+            ("cohesion", [NAN, 0.0], r"\b0\b.*finite"),
+            ("dilatancy", [0.0, 0.6], r"contact 1 is 0\.6, expected zero to mu"),
+        )
+    ),
     (reduced, "cohesion", [0.1, -0.5], VALUE, r"contact 1 is -0\.5, expected zero or pos"),
     (reduced, "cohesion", 1.1e150, VALUE, r"contact 0 is 1\.1e\+?150.*at most 1e150"),
     (reduced, "cohesion", [0.1] * 3, VALUE, "3.*2"),
@@ -404,6 +414,28 @@ NO_SCALARS = (
 def test_a_spoiled_scalar(call: Call, argument: str) -> None:
     for value in NO_SCALARS:
         refused(call, argument, value, EITHER, "")
+
+
+@pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
+def test_what_is_not_derived_for_cohesion_and_dilatancy(what: str) -> None:
+    law = {what: 0.1, "mu": 0.5, "area": np.ones(2)}
+    refused(problem, "working_set", True, VALUE, "cohesion or dilatancy", **law)
+    with pytest.raises(
+        ValueError, match=f"wear is not derived for contacts with {what}"
+    ):
+        problem(**law).wear(np.zeros(6), coefficient=1.0, cycles=2)
+
+
+@pytest.mark.parametrize(
+    ("broken", "message"),
+    [([True], r"\(1,\).*\(2,\)"), ([0, 1], "int64.*booleans"), ("no", "booleans")],
+)
+def test_a_state_with_wrong_broken_contacts(broken: object, message: str) -> None:
+    state = {"reaction": np.zeros((2, 2)), "relative_displacement": np.zeros((2, 2))}
+    with pytest.raises(ValueError, match=message):
+        bp.State(**state, broken=broken)
+    with pytest.raises(ValueError, match="dilation"):
+        bp.State(**state, dilation=[0.0, NAN])
 
 
 @pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
