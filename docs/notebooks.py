@@ -77,7 +77,7 @@ def run(page: Path, folder: Path) -> Path:
 
     folder.mkdir(parents=True, exist_ok=True)
     for file in TUTORIALS.iterdir():
-        if file.suffix in (".msh", ".inp"):
+        if file.suffix in (".msh", ".inp", ".json"):
             shutil.copy(file, folder)
     made = nbformat.from_dict(notebook(page))
     client = NotebookClient(

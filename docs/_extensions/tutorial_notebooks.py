@@ -29,6 +29,7 @@ def _key(page: Path) -> str:
         page,
         *sorted(page.parent.glob("*.msh")),
         *sorted(page.parent.glob("*.inp")),
+        *sorted(page.parent.glob("*.json")),
     ]
     files += sorted((root / "python" / "bipot_rs").rglob("*.py"))
     made = hashlib.sha256()
@@ -73,7 +74,7 @@ def write(sphinx: Sphinx, error: Exception | None) -> None:
         shutil.copy(file, site)
     # Meshes that they read, and pictures.
     for other in notebooks.TUTORIALS.iterdir():
-        if other.suffix in (".msh", ".inp", ".png", ".svg"):
+        if other.suffix in (".msh", ".inp", ".json", ".png", ".svg"):
             shutil.copy(other, site)
 
 

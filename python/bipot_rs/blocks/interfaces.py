@@ -136,7 +136,7 @@ def make_interface(
     distance = np.abs((block.middles - middle) @ normal)
     distance[~(np.array(around) if any(around) else parallel)] = np.inf
     normal = normal * np.sign(along[int(np.argmin(distance))])
-    return Interface(first, second, _hull(corners, normal, size), normal, area)
+    return Interface(first, second, _hull(corners, tangents, size), normal, area)
 
 
 def _surrounds(outline: Floats) -> bool:
@@ -150,31 +150,27 @@ def _surrounds(outline: Floats) -> bool:
 def _split_faces(blocks: Sequence[Block]) -> _Pieces:
     owner, corners, normals, centres = [], [], [], []
     for number, block in enumerate(blocks):
-        for face, normal, middle in zip(
-            block.faces, block.normals, block.middles, strict=True
-        ):
-            x = block.points[face]
-            if not normal.any():
-                continue
-            if x.shape[1] == 2:
-                parts = [x]
-            else:
-                frame = frames(normal[None])[0]
-                flat = (x - middle) @ frame[1:].T
+        length = np.linalg.norm(block.normals, axis=1)
+        real = np.flatnonzero(length > 0)
+        bases = frames(block.normals[real])
+        for k, frame in zip(real.tolist(), bases, strict=True):
+            x, middle = block.points[block.faces[k]], block.middles[k]
+            parts = [x]
+            if x.shape[1] == 3:
                 # The tangents may be left-handed with the normal.
                 turn = 1 if np.linalg.det(frame) > 0 else -1
+                flat = (x - middle) @ frame[1:].T
                 try:
                     split = split_convex(flat[::turn])
                 except ValueError as error:
                     raise ValueError(
-                        f"a face of block {block.name!r}: {error}"
+                        f"face {k} of block {block.name!r}: {error}"
                     ) from None
                 parts = [x[::turn][part][::turn] for part in split]
-            for part in parts:
-                owner.append(number)
-                corners.append(part)
-                normals.append(normal / np.linalg.norm(normal))
-                centres.append(middle)
+            owner += [number] * len(parts)
+            corners += parts
+            normals += [block.normals[k] / length[k]] * len(parts)
+            centres += [middle] * len(parts)
     width = max(map(len, corners))
     padded = [
         np.concatenate([c, np.repeat(c[-1:], width - len(c), 0)]) for c in corners
@@ -257,17 +253,17 @@ def _merge(
     for plane in planes:
         total = sum(area * normal for _, normal, area in plane)
         normal = np.asarray(total / np.linalg.norm(total))
-        corners = _hull(
-            np.concatenate([points for points, _, _ in plane]), normal, size
-        )
+        tangents = frames(normal[None])[0, 1:]
+        every = np.concatenate([points for points, _, _ in plane])
+        corners = _hull(every, tangents, size)
         area = float(sum(area for _, _, area in plane))
         interfaces.append(Interface(first, second, corners, normal, area))
     return interfaces
 
 
-def _hull(points: Floats, normal: Floats, size: float) -> Floats:
+def _hull(points: Floats, tangents: Floats, size: float) -> Floats:
     """Corners of the convex hull of points in a plane, in order."""
-    flat = (points - points[0]) @ frames(normal[None])[0, 1:].T
+    flat = (points - points[0]) @ tangents.T
     if flat.shape[1] == 1:
         return points[[int(flat.argmin()), int(flat.argmax())]]
     order = np.lexsort((flat[:, 1], flat[:, 0])).tolist()

@@ -12,10 +12,14 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import count_noun, instead
 from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import floats, number, show_value
+from bipot_rs._lib.validation import floats, integer, number, show_value
 from bipot_rs.blocks.block import Block
 from bipot_rs.blocks.interfaces import Interface, find_interfaces
-from bipot_rs.contact.errors import FloatingBodyError
+from bipot_rs.contact.errors import (
+    FloatingBodyError,
+    NoEquilibriumError,
+    NotConvergedError,
+)
 from bipot_rs.contact.law.frames import frames
 from bipot_rs.contact.reduced import ReducedProblem
 
@@ -96,7 +100,7 @@ class BlockProblem(ReducedProblem):
             W,
             np.zeros(self.points.shape),
             np.broadcast_to(np.asarray(mu, float), (len(counts),))[self.interface],
-            rigid=(R.toarray(), self.body_force(gravity)),
+            rigid=(R, self.body_force(gravity)),
         )
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -174,6 +178,61 @@ class BlockProblem(ReducedProblem):
                 loaded.append(Resultant(k, force[at].sum(axis=0), point))
         return loaded
 
+    def normal_range(self, interface: int) -> tuple[float, float]:
+        """Least and largest normal force of an interface, for rigid joints.
+
+        Over all reactions in the friction cones that balance the loads. The largest may be
+        infinite: wedges can press on each other without loads.
+
+        Parameters
+        ----------
+        interface
+            Its number in ``interfaces``.
+
+        Raises
+        ------
+        ValueError
+            The joints have a stiffness.
+        NoEquilibriumError, NotConvergedError
+            No reactions balance the loads, or this was not decided.
+        """
+        from scipy.sparse import bmat, csr_array
+
+        chosen = integer("interface", interface, least=0, most=len(self.interfaces) - 1)
+        if self.W.nnz:
+            raise ValueError(
+                "the joints have a stiffness, which determines their forces"
+            )
+        equilibrium = self.equilibrium()
+        if equilibrium.reaction is None:
+            kind = (
+                NoEquilibriumError
+                if equilibrium.verdict == "none"
+                else NotConvergedError
+            )
+            raise kind(equilibrium.reason)
+        count, d = self.q.shape
+        column = np.zeros(self.q.shape)
+        column[self.interface == chosen, 0] = 1.0
+        ceiling = float((column * equilibrium.reaction).sum())
+        ceiling += float(np.abs(self.rigid[1]).sum())
+        # One motion more, on which the normal force N works, and one contact s >= 0 more that
+        # works on it: its balance is N - s = λ, or N + s = ceiling - λ.
+        bounds = []
+        for sign, load in ((-1.0, 0.0), (1.0, -ceiling)):
+            slack = csr_array(([sign], ([0], [0])), (d, 1))
+            sides = [[self.rigid[0], csr_array(column.reshape(-1, 1))], [None, slack]]
+            dead = np.append(self.rigid[1], load)
+            live = np.append(np.zeros(len(self.rigid[1])), sign)
+            wider = ReducedProblem(
+                csr_array((d * (count + 1), d * (count + 1))),
+                np.zeros((count + 1, d)),
+                np.append(self.mu, 0.0),
+                rigid=(bmat(sides).tocsr(), dead),
+            )
+            bounds.append(wider.limit_multiplier(dead, live).upper)
+        return max(ceiling - bounds[1], 0.0), bounds[0]
+
     def describe(self, motion: ArrayLike) -> str:
         """Describe a motion ``a (k,)`` in words, the blocks that move most first.
 
@@ -228,6 +287,9 @@ class BlockProblem(ReducedProblem):
                 )
                 phrases.append(f"turns by {rate:.3g} about ({axis})")
         return " and ".join(phrases)
+
+    def _describe_amounts(self, amounts: Floats) -> str:
+        return self.describe(amounts)
 
     def _describe_motion(self, amounts: Floats, direction: Floats, mu: Floats) -> str:  # noqa: ARG002
         return self.describe(amounts)

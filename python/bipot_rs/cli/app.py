@@ -16,6 +16,7 @@ from typing import Protocol
 from bipot_rs._lib.messages import nearest
 from bipot_rs.cli.arguments import Parser, PrintText
 from bipot_rs.cli.commands import (
+    blocks,
     check,
     fclib,
     info,
@@ -51,6 +52,7 @@ COMMANDS: dict[str, Command] = {
     "run": run,
     "fclib": fclib,
     "solve": solve,
+    "blocks": blocks,
     "scenes": scenes,
     "new": new,
     "check": check,

@@ -168,6 +168,11 @@ def read_number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
 
 
+def read_vector(text: str) -> tuple[float, ...]:
+    """Numbers with commas between them as an argument."""
+    return tuple(read_number(part) for part in text.split(","))
+
+
 def read_count(text: str) -> int:
     """A positive integer as an argument."""
     if not text.isdecimal() or int(text) < 1:

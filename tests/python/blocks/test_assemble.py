@@ -82,9 +82,11 @@ def test_a_force_at_a_point_has_a_moment() -> None:
 @pytest.mark.parametrize("number", LIMITS)
 def test_walls_of_ferris_and_tin_loi(number: int) -> None:
     problem = assemble(wall(number), 0.65)
-    _, limit = find_balance(problem, problem.body_force([1.0, 0.0]))
+    weight, push = problem.body_force([0.0, -1.0]), problem.body_force([1.0, 0.0])
+    limit = problem.limit_multiplier(weight, push)
     # Digits of the other programme.
-    assert limit == pytest.approx(LIMITS[number], abs=1e-6)
+    assert limit.upper == pytest.approx(LIMITS[number], abs=1e-6)
+    assert limit.reached == pytest.approx(limit.upper, rel=1e-6)
 
 
 @pytest.mark.parametrize("mu", [0.7, 0.9])
@@ -136,6 +138,60 @@ def test_the_solution_holds_the_weight() -> None:
     assert problem.W.diagonal()[:2] == pytest.approx([2e-3, 4e-3])
     sunk = problem.moves(solution.rigid_motion)[1]
     assert sunk[1] == pytest.approx(-4.0 / 1e3, rel=1e-8)
+
+
+def test_ranges_of_a_beam_on_three_piers() -> None:
+    """The outer piers carry at most two thirds: at its inner edge, and the far outer one."""
+    blocks = [box("beam", (0, 0), (4, 1))]
+    for x, end in ((0, 1), (1.5, 2.5), (3, 4)):
+        blocks.append(box(f"pier {x}", (x, -1), (end, 0), support=True))
+    problem = assemble(blocks, 0.5)
+    ranges = [problem.normal_range(k) for k in range(3)]
+    # Tolerance of the programme, relative to the weight of 4.
+    for found, expected in zip(ranges, [(0, 8 / 3), (0, 4), (0, 8 / 3)], strict=True):
+        assert found == pytest.approx(expected, abs=1e-6)
+    with pytest.raises(ValueError, match="interface is 3, expected"):
+        problem.normal_range(3)
+
+
+def test_ranges_of_a_block_between_walls() -> None:
+    """The walls may clamp it with any force, and carry nothing, all or a part of the weight."""
+    blocks = [
+        box("ground", (-1, -1), (2, 0), support=True),
+        box("left", (-1, 0), (0, 1), support=True),
+        box("right", (1, 0), (2, 1), support=True),
+        box("a", (0, 0), (1, 1)),
+    ]
+    problem = assemble(blocks, 0.5)
+    for k, joint in enumerate(problem.interfaces):
+        least, largest = problem.normal_range(k)
+        below = problem.names[joint.first] == "ground"
+        assert least == pytest.approx(0.0, abs=1e-6)
+        assert largest == np.inf or below
+    # Pushed down by the friction of the walls, which clamp it.
+    ground = [problem.names[one.first] for one in problem.interfaces].index("ground")
+    assert problem.normal_range(ground)[1] == np.inf
+    elastic = bp.blocks.assemble(blocks, 0.5, stiffness=(1.0, 1.0))
+    with pytest.raises(ValueError, match="joints have a stiffness"):
+        elastic.normal_range(0)
+    falling = assemble(stone(2, 1, space=False), 0.3, gravity=[0.4, -1.0])
+    with pytest.raises(bp.NoEquilibriumError, match="block 'stone' moves"):
+        falling.normal_range(0)
+
+
+def test_the_verdict_is_that_of_a_linear_programme() -> None:
+    """Walls on both sides of their limits, tilted by gravity; exact motions and reactions."""
+    for number in (1, 3):
+        problem = assemble(wall(number), 0.65)
+        weight, push = problem.body_force([0, -1.0]), problem.body_force([1.0, 0])
+        limit = problem.limit_multiplier(weight, push).upper
+        assert limit == pytest.approx(find_balance(problem, push)[1], rel=1e-6)
+        for share, verdict in ((1 - 1e-6, "balanced"), (1 + 1e-6, "none")):
+            tilted = assemble(wall(number), 0.65, [share * limit, -1.0])
+            equilibrium = tilted.equilibrium()
+            assert equilibrium.verdict == verdict
+            if equilibrium.motion is not None:
+                assert "this motion: block '" in equilibrium.reason
 
 
 def test_friction_by_pairs() -> None:

@@ -10,12 +10,14 @@ import bipot_rs as bp
 from bipot_rs.blocks import Block, read
 from support.masonry import box, find_balance
 from support.places import DATA as ALL_DATA
+from support.places import ROOT
 
 DATA = ALL_DATA / "blocks"
+SHELF = ROOT / "docs" / "tutorials" / "shelf-stable.json"
 
 
 def test_an_assembly_of_compas() -> None:
-    blocks, interfaces = read(DATA / "shelf-stable.json", density=2.0)
+    blocks, interfaces = read(SHELF, density=2.0)
     assert len(blocks) == 9
     assert interfaces is None
     assert {block.name for block in blocks} == set(map(str, range(9)))

@@ -25,7 +25,11 @@ from support.places import ROOT
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")]
 )
-MESHES = sorted([*ROOT.glob("docs/**/*.msh"), *ROOT.glob("docs/**/*.inp")])
+MESHES = sorted(
+    path
+    for suffix in ("msh", "inp", "json")
+    for path in ROOT.glob(f"docs/**/*.{suffix}")
+)
 BLOCK = re.compile(
     r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL
 )
@@ -155,6 +159,7 @@ def with_meshes(page: Path, folder: Path) -> None:
     "*body.md*",
     "docs/collection.md",
     "docs/gallery.md",
+    "docs/masonry.md",
     "docs/published.md",
     "docs/tutorials/punch_shape.md",
     "docs/tutorials/sensitivities.md",

@@ -209,7 +209,7 @@ def draw(
                 raise ValueError("--step cannot be used with a GIF of all load steps")
             animate(result, target, kind, model=case, **options)
             return target
-        _check_format(target)
+        check_format(target)
         if kind == "tractions" and along is None:
             write_figure(target, result, title=title, **options)
             return target
@@ -220,7 +220,7 @@ def draw(
     return target
 
 
-def _check_format(target: Path) -> None:
+def check_format(target: Path) -> None:
     """Refuse a suffix for which matplotlib has no format, before drawing."""
     from matplotlib.backend_bases import FigureCanvasBase
 
