@@ -54,7 +54,7 @@ fn within<const D: usize>(rng: &mut StdRng, law: &ContactLaw) -> [f64; D] {
 /// third derivatives are at most 1e3, the squared step 1e-12 and the rounding 1e-10.
 fn differences<const D: usize>(x: &[f64; D], map: impl Fn(&[f64; D]) -> [f64; D]) -> Block<D> {
     let step = 1e-6;
-    let mut slopes = Block::zeros();
+    let mut slopes = Block::<D>::zeros();
     for k in 0..D {
         let moved = |by: f64| {
             let mut x = *x;
@@ -247,7 +247,7 @@ fn the_misfit_leads_to_the_nearest_normal<const D: usize>(rng: &mut StdRng, seen
         );
         // A normal at the same reaction, from any point outside.
         let mut out: [f64; D] = any(rng);
-        let far = std::array::from_fn(|k| face.reaction[k] + out[k]);
+        let far: [f64; D] = std::array::from_fn(|k| face.reaction[k] + out[k]);
         let (near, _) = project(&far, law);
         let same = (0..D).all(|k| (near[k] - face.reaction[k]).abs() <= 1e-15);
         if same {

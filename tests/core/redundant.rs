@@ -142,7 +142,7 @@ fn reactions_that_are_not_determined_are_found() {
         let wall = Wall::new(wide, high, push);
         let compliance = wall.compliance();
         let (n, q) = (wall.rows.len(), wall.relative(&wall.free));
-        let laws = vec![ContactLaw { mu }; n];
+        let laws = vec![ContactLaw::from(mu); n];
         let problem = Reduced::new(&compliance, &q, &laws, &Rigid::default()).unwrap();
         let solution = solve(&problem, &settings, &Start::default(), &GO).unwrap();
         assert_eq!(solution.outcome, Outcome::Converged);
