@@ -690,6 +690,25 @@ class Statics:
         """The largest multiple of the live load that reactions can balance beside the dead."""
 
 @final
+class ConeSet:
+    """`h + G y` in circular cones, and `E y = f`: over it linear functions are minimised."""
+
+    def __new__(
+        cls,
+        rows: _Csr,
+        offset: _Floats,
+        sizes: NDArray[np.int64],
+        equations: _Csr,
+        right: _Floats,
+        unknowns: int,
+    ) -> ConeSet: ...
+    def minimise(self, cost: _Floats) -> tuple[_Floats, bool, float]:
+        """The least `cost·y`, or a direction without one.
+
+        Returns `y`, whether it is a point, and the gap to the bound from the multipliers.
+        """
+
+@final
 class Decision:
     """Whether reactions balance the loads, with the proof."""
 

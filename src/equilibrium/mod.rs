@@ -7,6 +7,7 @@
 //! ([`proof`]).
 
 pub mod decide;
+pub mod minimise;
 pub mod multiplier;
 mod part;
 pub mod programme;

@@ -6,12 +6,13 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use crate::equilibrium::decide::{Decision, decide};
+use crate::equilibrium::minimise::ConeSet;
 use crate::equilibrium::multiplier::find_limit;
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
-use crate::linalg::sparse::rows::Rows;
-use crate::python::arrays::{Csr, CsrArrays, Indices, Vector, from_vec, indices};
+use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
+use crate::python::arrays::{Csr, CsrArrays, Indices, Vector, from_vec, indices, length};
 use crate::python::interrupt;
 
 /// The contacts of a question of statics.
@@ -88,6 +89,62 @@ fn run<T: Send>(
 ) -> PyResult<T> {
     let seconds = max_seconds.unwrap_or(f64::INFINITY);
     interrupt::run(py, None, |stop: &AtomicBool| work(Limits { stop, seconds }))
+}
+
+/// A product of circular cones over which linear functions are minimised.
+#[pyclass(frozen, name = "ConeSet", module = "bipot_rs._core")]
+pub(super) struct PyConeSet {
+    set: ConeSet,
+}
+
+#[pymethods]
+impl PyConeSet {
+    /// `h + G y` in cones with so many rows each, and `E y = f`: `G`, `h`, the sizes, `E`, `f`.
+    #[new]
+    fn new(
+        rows: Csr<'_>,
+        offset: Vector<'_>,
+        sizes: Indices<'_>,
+        equations: Csr<'_>,
+        right: Vector<'_>,
+        unknowns: usize,
+    ) -> PyResult<Self> {
+        let own = |csr: &Csr<'_>, rows: usize| -> PyResult<OwnedMatrix> {
+            let csr = CsrArrays::new(csr, "cones", None)?;
+            let view = Rows {
+                row_ptr: &csr.pointer,
+                columns: &csr.index,
+                values: csr.values,
+            };
+            view.check("cones", rows, unknowns)?;
+            Ok(view.select(Some))
+        };
+        let (offset, right) = (offset.as_slice()?.to_vec(), right.as_slice()?.to_vec());
+        let sizes = indices(&sizes, "sizes")?;
+        length("sizes", sizes.iter().sum(), offset.len())?;
+        let set = ConeSet {
+            rows: own(&rows, offset.len())?,
+            equations: own(&equations, right.len())?,
+            offset,
+            sizes,
+            right,
+            unknowns,
+        };
+        Ok(Self { set })
+    }
+
+    /// The least `cost·y`, or a direction without one: `y`, whether it is a point, and the gap
+    /// to the bound from the multipliers.
+    fn minimise<'py>(
+        &self,
+        py: Python<'py>,
+        cost: Vector<'py>,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, bool, f64)> {
+        let cost = cost.as_slice()?;
+        length("cost", cost.len(), self.set.unknowns)?;
+        let optimum = run(py, None, |limits| self.set.minimise(cost, limits))?;
+        Ok((from_vec(py, optimum.y), optimum.bounded, optimum.gap))
+    }
 }
 
 /// Whether reactions balance the loads, with the proof.

@@ -53,7 +53,7 @@ mod _core {
     #[pymodule_export]
     use super::contact_variables::{PyContactTangent, PyContactVariables};
     #[pymodule_export]
-    use super::equilibrium::{PyDecision, PyLimitLoad, PyStatics};
+    use super::equilibrium::{PyConeSet, PyDecision, PyLimitLoad, PyStatics};
     #[pymodule_export]
     use super::heap::return_heap;
     #[pymodule_export]

@@ -11,6 +11,8 @@
 //! | interior point | from 5, from 6, from 1 | 260 steps a path, each path once | the point, without sweeps |
 //!
 //! With cohesion or dilatancy there are no statuses to try and no interior points.
+//! After the first round of floating bodies statics is asked: a proof that no reactions balance
+//! the loads ends the method.
 //!
 //! *Floating* are bodies that only contact holds; *many* contacts have a sparse `W`. Any stage
 //! ends the method at a solution or a limit of the caller: the monitor checks each point. If the
@@ -20,7 +22,9 @@
 //!
 //! Decisions count work in products with `W`, not time, so that runs repeat bit for bit.
 
+use crate::equilibrium::decide::Verdict;
 use crate::reduced::reduced::Reduced;
+use crate::solver::at_rest;
 use crate::solver::auto::Turn::{From, Never, Once};
 use crate::solver::enumerate;
 use crate::solver::gauss_seidel::{GaussSeidelPoint, Sweeper};
@@ -97,6 +101,9 @@ pub fn run<const D: usize>(
             if turns[column].comes(round) {
                 chain.make(stage, monitor)?;
             }
+        }
+        if floats && round == 1 {
+            ask_statics(problem, monitor)?;
         }
         chain.end_round();
     }
@@ -246,6 +253,18 @@ impl<'p, const D: usize> Chain<'p, D> {
             self.next_sweeps = (2 * self.next_sweeps).min(tuning::most_sweeps());
         }
     }
+}
+
+/// Ends the method if no reactions balance the loads: each further round would try to.
+fn ask_statics<const D: usize>(
+    problem: &Reduced<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<(), Ended> {
+    let decision = at_rest::ask(problem, monitor.stop(), monitor.seconds_left())?;
+    if decision.verdict == Verdict::None {
+        return Err(monitor.refuse(decision.motion));
+    }
+    Ok(())
 }
 
 /// Tries all statuses of a few plane contacts: a solution or a proof that there is none ends the

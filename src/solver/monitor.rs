@@ -69,6 +69,7 @@ pub struct Monitor<'p, const D: usize> {
     started: Instant,
     log: Log<D>,
     furthest_rigid: Vec<f64>,
+    free_motion: Vec<f64>,
     best: f64,
     /// η when it last halved, and the iteration.
     halved: f64,
@@ -113,6 +114,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 ..Log::default()
             },
             furthest_rigid: Vec::new(),
+            free_motion: Vec::new(),
             best: f64::INFINITY,
             halved: f64::INFINITY,
             last_halved: 0,
@@ -251,6 +253,24 @@ impl<'p, const D: usize> Monitor<'p, D> {
     #[must_use]
     pub fn furthest_rigid(&self) -> &[f64] {
         &self.furthest_rigid
+    }
+
+    /// Keeps the rigid motion that proves that there is no equilibrium.
+    pub fn refuse(&mut self, motion: Vec<f64>) -> Ended {
+        self.free_motion = motion;
+        Ended::Stopped(Outcome::NoEquilibrium)
+    }
+
+    /// The motion of [`Monitor::refuse`]; empty without one.
+    #[must_use]
+    pub fn free_motion(&self) -> &[f64] {
+        &self.free_motion
+    }
+
+    /// The time that is left.
+    #[must_use]
+    pub fn seconds_left(&self) -> f64 {
+        self.settings.max_seconds - self.started.elapsed().as_secs_f64()
     }
 
     fn check_limits(&self) -> Result<(), Ended> {

@@ -2,12 +2,14 @@
 
 use std::sync::atomic::AtomicBool;
 
+use crate::equilibrium::decide::Verdict;
 use crate::error::Error;
 use crate::law::cone::project;
 use crate::reduced::balance::{self, Balance};
 use crate::reduced::existence::is_contradiction;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
+use crate::solver::at_rest;
 use crate::solver::auto;
 use crate::solver::enumerate;
 use crate::solver::fallback::{
@@ -27,6 +29,9 @@ use crate::solver::paper::uzawa::{self, Variant};
 use crate::solver::settings::{Method, Settings, Start};
 use crate::solver::solution::{Solution, finish};
 use crate::solver::tuning;
+
+/// Statics has at least this time, whatever limit a method has reached.
+const LEAST_SECONDS: f64 = 2.0;
 
 /// Solves the reduced problem.
 ///
@@ -68,12 +73,25 @@ pub fn solve_watched<const D: usize>(
     if problem.contradiction.is_some() {
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
     }
-    if let Balance::Impossible { motion } = balance::balance(problem, stop) {
-        let mut nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
-        nothing.free_motion = motion;
-        return Ok(nothing);
-    }
-    let opening = bilateral_start(problem, start, &mut monitor)?;
+    let auto = settings.method == Method::Auto;
+    let resting = auto.then(|| at_rest::find_rest(problem)).flatten();
+    let mut balanced = false;
+    let opening = if let Some(motion) = &resting {
+        match rest(problem, settings, start, motion, &mut monitor)? {
+            Rest::Moves(motion) => return Ok(refuse(problem, settings, monitor, motion)),
+            Rest::Answer => {
+                return Ok(finish(problem, settings, monitor, Outcome::Converged));
+            }
+            Rest::Start(start) => {
+                balanced = start.is_some();
+                start
+            }
+        }
+    } else if let Balance::Impossible { motion } = balance::balance(problem, stop) {
+        return Ok(refuse(problem, settings, monitor, motion));
+    } else {
+        bilateral_start(problem, start, &mut monitor)?
+    };
     let start = opening.as_ref().unwrap_or(start);
     let mut sequence = Sequence::default();
     let ended = run_method(problem, settings.method, start, &mut monitor, &mut sequence);
@@ -83,12 +101,23 @@ pub fn solve_watched<const D: usize>(
         Err(Ended::Failed(error)) => return Err(error),
     };
     let furthest = monitor.furthest_rigid().to_vec();
+    let unasked = resting.is_none() && !problem.rigid.modes.is_empty();
+    if unasked && !matches!(outcome, Outcome::Converged | Outcome::NoEquilibrium) {
+        let seconds = settings.max_seconds.max(LEAST_SECONDS);
+        let decision = at_rest::ask(problem, stop, seconds)?;
+        if decision.verdict == Verdict::None {
+            return Ok(refuse(problem, settings, monitor, decision.motion));
+        }
+    }
+    let free_motion = monitor.free_motion().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
     if settings.method == Method::MinimisingSequence {
         solution.sequence = Some(sequence.scattered(problem.compliance));
     }
-    if solution.outcome == Outcome::NoEquilibrium {
-        // A method gives this outcome only after it has tried all statuses.
+    if solution.outcome == Outcome::NoEquilibrium && !free_motion.is_empty() {
+        solution.free_motion = free_motion;
+    } else if solution.outcome == Outcome::NoEquilibrium {
+        // Without a motion, a method gives this outcome only after it has tried all statuses.
         solution.statuses_tried = enumerate::statuses(&problem.law);
     }
     if solution.outcome == Outcome::Converged && may_hide_openings(problem, settings.tol) {
@@ -104,10 +133,10 @@ pub fn solve_watched<const D: usize>(
     if doubted && is_contradiction(problem, &problem.compliance.gather(&pressures)) {
         solution.outcome = Outcome::NoEquilibrium;
     }
-    if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
+    if auto && solution.outcome == Outcome::Stalled {
         try_statuses(problem, settings, &mut solution, stop)?;
     }
-    if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
+    if auto && solution.outcome == Outcome::Stalled {
         project_from_zero(problem, settings, &mut solution, |slow| {
             solve_watched(problem, slow, &Start::default(), stop, progress)
         })?;
@@ -116,11 +145,85 @@ pub fn solve_watched<const D: usize>(
         solution.outcome,
         Outcome::Converged | Outcome::NoEquilibrium
     );
-    if open && !furthest.is_empty() {
+    // Bodies whose weights the contacts can carry at rest do not slide away.
+    if open && !furthest.is_empty() && !balanced {
         let r = problem.compliance.gather(&solution.reaction);
         solution.free_motion = balance::runaway(problem, &r, &furthest).unwrap_or_default();
     }
     Ok(solution)
+}
+
+/// What statics says of bodies that nothing deforms.
+enum Rest<const D: usize> {
+    /// No reactions balance the loads, by this motion.
+    Moves(Vec<f64>),
+    /// The monitor has the solution.
+    Answer,
+    /// Reactions that are balanced, but not to the tolerance.
+    Start(Option<Start<D>>),
+}
+
+/// Looks for a solution without any motion of contacts: the start, if it is one, or the balanced
+/// reactions.
+fn rest<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    start: &Start<D>,
+    motion: &[f64],
+    monitor: &mut Monitor<D>,
+) -> Result<Rest<D>, Error> {
+    if !start.reaction.is_empty() {
+        let given = (start.rigid.len() == motion.len()).then_some(start.rigid.as_slice());
+        if is_answer(problem, &start.reaction, given.unwrap_or(motion), monitor)? {
+            return Ok(Rest::Answer);
+        }
+    }
+    let seconds = settings.max_seconds.max(LEAST_SECONDS);
+    let decision = at_rest::ask(problem, monitor.stop(), seconds)?;
+    match decision.verdict {
+        Verdict::None => Ok(Rest::Moves(decision.motion)),
+        Verdict::Undecided => Ok(Rest::Start(None)),
+        Verdict::Balanced => {
+            let reaction = decision.reaction.as_chunks::<D>().0.to_vec();
+            if is_answer(problem, &reaction, motion, monitor)? {
+                return Ok(Rest::Answer);
+            }
+            Ok(Rest::Start(Some(Start {
+                reaction,
+                rigid: motion.to_vec(),
+                closed: start.closed.clone(),
+            })))
+        }
+    }
+}
+
+/// Shows a point to the monitor, and tells whether it is a solution.
+fn is_answer<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    a: &[f64],
+    monitor: &mut Monitor<D>,
+) -> Result<bool, Error> {
+    let v = problem.relative_displacement(r, a);
+    monitor.count(1.0);
+    match monitor.look(r, &v, a, false) {
+        Err(Ended::Failed(error)) => Err(error),
+        Err(Ended::Stopped(outcome)) => Ok(outcome == Outcome::Converged),
+        Ok(_) => Ok(false),
+    }
+}
+
+/// The result if a rigid motion proves that there is no equilibrium.
+fn refuse<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    monitor: Monitor<D>,
+    motion: Vec<f64>,
+) -> Solution<D> {
+    let mut nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
+    nothing.outcome = Outcome::NoEquilibrium;
+    nothing.free_motion = motion;
+    nothing
 }
 
 /// Calls the method.
@@ -189,10 +292,6 @@ pub fn certify<const D: usize>(
 ) -> Result<Solution<D>, Error> {
     let progress = Progress::default();
     let mut monitor = Monitor::new(problem, settings, stop, &progress);
-    let v = problem.relative_displacement(r, a);
-    monitor.count(1.0);
-    match monitor.look(r, &v, a, false) {
-        Err(Ended::Failed(error)) => Err(error),
-        _ => Ok(finish(problem, settings, monitor, Outcome::Stalled)),
-    }
+    is_answer(problem, r, a, &mut monitor)?;
+    Ok(finish(problem, settings, monitor, Outcome::Stalled))
 }

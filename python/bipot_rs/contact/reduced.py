@@ -465,9 +465,8 @@ class ReducedProblem:
                     f"solution has the residual {eta:.1e} in this problem: pass a solution of "
                     "this problem, or leave it out"
                 )
-        rigid = None if self.rigid is None else (self._dense_motions, self.rigid[1])
         return find_ranges(
-            self.W, self.q, self.mu, rigid, solution, contacts, component
+            self.W, self.q, self.mu, self.rigid, solution, contacts, component
         )
 
     def equilibrium(self, *, max_seconds: float | None = None) -> Equilibrium:
@@ -557,11 +556,14 @@ class ReducedProblem:
         W = self.W.data if hasattr(self.W, "tocsr") else np.asarray(self.W)
         return not self.q.any() and not np.any(W)
 
+    def _move_contacts(self, amounts: Floats) -> Floats:
+        """Displacement of each contact ``(n_c, d)``, the largest of length 1."""
+        R = self._dense_motions if self.rigid is None else self.rigid[0]
+        return rigid_motions.move_contacts(R.T, amounts, self.q.shape[1])
+
     def _describe_amounts(self, amounts: Floats) -> str:
         """Amounts of the rigid motions in words."""
-        R = self._dense_motions if self.rigid is None else self.rigid[0]
-        direction = rigid_motions.move_contacts(R.T, amounts, self.q.shape[1])
-        return rigid_motions.describe_motion(direction, self.mu)
+        return self._describe_motion(amounts, self._move_contacts(amounts), self.mu)
 
     def existence(self, *, exhaust: bool = False) -> Existence:
         """Whether a solution exists, as far as this can be proved without solving.
@@ -599,19 +601,21 @@ class ReducedProblem:
         by, mu = _core.isotropic(self.mu, self.q.shape[1])
         rigid = self.rigid
         if rigid is not None and len(rigid[1]):
-            rigid = by.ravel()[:, None] * self._dense_motions, rigid[1]
-            a = self.find_unresisted()
-            if a is not None:
-                direction = (
-                    rigid_motions.move_contacts(rigid[0].T, a, self.q.shape[1]) / by
-                )
-                words = self._describe_motion(a, direction, self.mu)
+            statics = self.equilibrium()
+            if statics.motion is not None:
                 return Existence(
                     verdict="none",
-                    reason="contact cannot carry the loads, and nothing stops this "
-                    f"motion: {words}",
-                    motion=direction,
+                    reason=statics.reason,
+                    motion=self._move_contacts(statics.motion),
                 )
+            if self._moves_rigidly():
+                # Without compliance, what balances the loads is a solution.
+                balanced = statics.verdict == "balanced"
+                return Existence(
+                    verdict="guaranteed" if balanced else "unknown",
+                    reason=statics.reason,
+                )
+            rigid = by.ravel()[:, None] * self._dense_motions, rigid[1]
         W = by.ravel()[:, None] * make_dense(self.W) * by.ravel()
         existence = judge_existence(self._problem, W, by * self.q, mu, rigid)
         existence = replace(
@@ -629,15 +633,6 @@ class ReducedProblem:
                     f"{len(tried[0]) or 'none'} satisfied the contact law",
                 )
         return existence
-
-    def find_unresisted(self) -> Floats | None:
-        """Amounts ``a`` of a rigid motion that proves that no reaction balances the loads.
-
-        The loads work on it, and it lies in the dual cone of every contact. None if the
-        search finds none; the compliance does not matter.
-        """
-        a = self.solve(max_iterations=1).free_motion
-        return a if a is not None and self._problem.is_unresisted(a) else None
 
     def _describe_motion(self, amounts: Floats, direction: Floats, mu: Floats) -> str:  # noqa: ARG002
         """Describe ``R a``, whose displacements of the contacts are ``direction``."""
@@ -669,10 +664,9 @@ class ReducedProblem:
 
         words = ""
         if self.rigid is not None and core.free_motion is not None:
-            modes, amounts = self.rigid[0].T, core.free_motion
-            direction = rigid_motions.move_contacts(modes, amounts, self.q.shape[1])
+            direction = self._move_contacts(core.free_motion)
             opening = find_opening(core.outcome, self.mu)
-            words = self._describe_motion(amounts, direction, opening)
+            words = self._describe_motion(core.free_motion, direction, opening)
         tried = FailedSolve(
             method=method,
             max_seconds=max_seconds,

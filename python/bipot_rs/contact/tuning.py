@@ -102,15 +102,9 @@ DENSE_DIAGNOSIS = 1500
 
 # --- Proofs of existence (proof/): the random problems of tests/python/contact/proof.
 
-# Sides of the polygon inside the disc of slip, in space: 16 cover 98 % of the radius. Half:
-# 92 %, and some solvable problems are "unknown"; twice: linear programmes of twice the size.
-SLIP_FACETS = 16
-# The same inside the disc of friction. Half: 98 % of the radius; twice: twice the size.
+# Sides of the polygon inside the disc of friction, in space. Half: 98 % of the radius;
+# twice: twice the size.
 FRICTION_FACETS = 32
-# Steps of the interior-point method; 8 to 25 are usual. It only ends what does not converge.
-PROGRAMME_STEPS = 80
-# Share of the longest step inside the cones.
-PROGRAMME_SHARE = 0.99
 
 # --- Diagnosis and remarks (messages/): the failing solves of test_diagnosis.py, and the
 # shipped scenes, which must have no remark. They change only what a message names.

@@ -1,15 +1,17 @@
 """Proofs of statics in rational arithmetic, on the numbers that were given."""
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import issparse
 
 Array = NDArray[np.float64]
 
 
 def excludes_balance(
-    R: ArrayLike,
+    R: Any,
     e: ArrayLike,
     mu: ArrayLike,
     motion: ArrayLike,
@@ -21,6 +23,7 @@ def excludes_balance(
     ``mu`` is a number, ``(n_c,)`` or ``(n_c, d - 1)``. Without rounding, but for the square
     roots of cohesion in space.
     """
+    R = R.toarray() if issparse(R) else R
     R, e, motion = (np.asarray(array, float) for array in (R, e, motion))
     contacts = len(R) // d
     friction = np.broadcast_to(

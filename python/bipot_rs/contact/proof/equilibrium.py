@@ -16,6 +16,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.contact_law import ContactLaw
+from bipot_rs.contact.proof.cone_set import csr_parts
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.solution import Solution
@@ -111,13 +112,8 @@ def statics_of_rows(
     from scipy.sparse import csr_array
 
     rows = csr_array(R)
-    parts = (
-        np.asarray(rows.indptr, np.int64),
-        np.asarray(rows.indices, np.int64),
-        np.asarray(rows.data, np.float64),
-    )
     sizes = np.asarray(sizes, np.int64)
-    return _core.Statics(parts, rows.shape[1], sizes, friction, cohesion)
+    return _core.Statics(csr_parts(rows), rows.shape[1], sizes, friction, cohesion)
 
 
 def read_decision(

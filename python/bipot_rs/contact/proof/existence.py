@@ -13,8 +13,9 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
-from bipot_rs.contact import tuning
-from bipot_rs.contact.proof.existence_by_friction import is_held, make_polygon
+from bipot_rs.contact.proof.cone_set import make_cone_set
+from bipot_rs.contact.proof.equilibrium import statics_of_rows
+from bipot_rs.contact.proof.existence_by_friction import is_held
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -234,13 +235,7 @@ def _find_overlap(core: _core.Reduced, p: _Scaled) -> Floats | None:
 
 
 def _find_inside(p: _Scaled) -> Floats | None:
-    """A possible displacement with ``v_n > mu |v_t|`` at every contact.
-
-    A linear programme with a polygon inside each disc finds it; it is then checked with
-    the disc.
-    """
-    from scipy.optimize import linprog
-
+    """A possible displacement with ``v_n > mu |v_t|`` at every contact."""
     contacts, d = len(p.mu), len(p.kept) // len(p.mu)
     size = p.size or 1.0
     U, values, _ = np.linalg.svd(np.hstack([p.W, p.R]), full_matrices=False)
@@ -250,22 +245,16 @@ def _find_inside(p: _Scaled) -> Floats | None:
     span[p.kept] = U
     free = np.zeros(contacts * d)
     free[p.kept] = p.q / size
-    sides, inner = make_polygon(d - 1, tuning.SLIP_FACETS)
-    rows, right = [], []
-    span3, free2 = span.reshape(contacts, d, -1), free.reshape(contacts, d)
-    for side in sides:
-        across = 1 / inner * p.mu[:, None] * side
-        rows.append(np.einsum("ik,ikj->ij", across, span3[:, 1:]) - span3[:, 0])
-        right.append(free2[:, 0] - np.sum(across * free2[:, 1:], axis=1))
-    A = np.vstack(rows)
-    # The margin is the last unknown; more than 1 is not needed.
-    A = np.hstack([A, np.ones((len(A), 1))])
+    # (v_n - t, mu v_t) in the cones; the margin t is the last unknown, at most 1.
+    by = np.ones((contacts, d))
+    by[:, 1:] = p.mu[:, None]
+    G = np.zeros((contacts + 1, d, U.shape[1] + 1))
+    G[:-1, :, :-1] = by[..., None] * span.reshape(contacts, d, -1)
+    G[:, 0, -1] = -1.0
+    h = np.zeros((contacts + 1, d))
+    h[:-1], h[-1, 0] = by * free.reshape(contacts, d), 1.0
     cost = np.append(np.zeros(U.shape[1]), -1.0)
-    far = [(-1e6, 1e6)] * U.shape[1]
-    optimum = linprog(cost, A, np.concatenate(right), bounds=[*far, (None, 1.0)])
-    if optimum.x is None:
-        return None
-    y = optimum.x[:-1]
+    y = make_cone_set(G.reshape(h.size, -1), h).minimise(cost)[0][:-1]
     v = (free + span @ y).reshape(contacts, d)
     margin = v[:, 0] - p.mu * np.linalg.norm(v[:, 1:], axis=1)
     if margin.min(initial=1.0) <= 1e-9 * (1 + np.abs(y).max(initial=0.0)):
@@ -280,22 +269,18 @@ def _find_balanced(
 
     Neither is returned if the reactions are larger than those of any solution.
     """
-    from scipy.optimize import nnls
-
     # Rounding leaves a small component of a normal along which nothing can move a body.
     # Only reactions that are too large would balance the loads by it.
     columns = p.R[p.normal].copy()
     small = np.abs(columns) * _core.largest_reaction
     columns[small <= np.abs(p.motions).max(initial=0.0)] = 0.0
-    amounts, _ = nnls(columns.T, -p.e)
-    pressure = amounts * p.scale
-    balances = core.balances(pressure)
-    if balances is None:
-        return None, None
-    if balances:
-        return pressure, None
-    # The shortest rest works on no normal reaction: R_n rest >= 0, e·rest = |rest|².
-    return None, columns.T @ amounts + p.e
+    count = len(columns)
+    half_lines = np.ones(count, int), np.zeros(count), np.zeros(count)
+    decision = statics_of_rows(columns, *half_lines).decide(p.e)
+    if decision.verdict == "none":
+        return None, decision.motion
+    pressure = decision.reaction * p.scale
+    return (pressure if core.balances(pressure) else None), None
 
 
 def make_dense(W: Floats | CsrMatrix) -> Floats:

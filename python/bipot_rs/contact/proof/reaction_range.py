@@ -11,12 +11,13 @@ programme in the plane and one over circular cones in space.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
-from bipot_rs.contact.proof.cone_programme import Programme
+from bipot_rs.contact.proof.cone_set import make_cone_set
 from bipot_rs.contact.proof.existence import find_scale, make_dense
 from bipot_rs.contact.results.solution import Solution
 
@@ -25,6 +26,8 @@ from bipot_rs.contact.results.solution import Solution
 _ROUNDING = 1e-15
 # Displacements within this many tolerances of the solution are zero: η bounds them together.
 _TOLERANCES = 10.0
+# With more rows, rigid bodies are not asked for a null space, whose work grows with the cube.
+_DENSE = 600
 # A reaction that changes by less than this along unit vectors of the null space, whose
 # errors are roundings over the least singular value that is not zero, is determined.
 _DETERMINED = 1e-10
@@ -95,13 +98,18 @@ def find_ranges(
     contacts, component
         Numbers of contacts, and of the component.
     """
-    answers = _Answers.of(W, q, mu, rigid, solution)
+    if rigid is not None and q.size > _DENSE and not _entries(W).any():
+        answers = _Answers.of_rigid_bodies(q, mu, rigid, solution)
+    else:
+        answers = _Answers.of(W, q, mu, rigid, solution)
     return [answers.range(contact, component) for contact in contacts]
 
 
 @dataclass(frozen=True)
 class _Answers:
     """All reactions with one relative displacement, ``r = factor (base + span y)``.
+
+    ``span (d n_c, k)`` is dense or sparse.
 
     Components are scaled: friction is isotropic, contacts have unit compliance, and the
     largest reaction is 1. ``law`` is the set of ``y`` that the contact law allows.
@@ -110,8 +118,8 @@ class _Answers:
     found: Floats
     factor: Floats
     base: Floats
-    span: Floats
-    law: Programme
+    span: Any
+    law: _core.ConeSet
 
     @classmethod
     def of(
@@ -129,7 +137,7 @@ class _Answers:
         scaled = make_dense(W) * np.outer(factor, factor)
         motions = np.zeros((q.size, 0))
         if rigid is not None:
-            motions = _find_range(factor.ravel()[:, None] * rigid[0])
+            motions = _find_range(factor.ravel()[:, None] * make_dense(rigid[0]))
         r = solution.reaction / factor
         largest = float(np.abs(r).max(initial=0.0))
         size = largest if largest > 0 else 1.0
@@ -140,7 +148,7 @@ class _Answers:
         width = float(reach.max(initial=0.0)) or float(np.abs(v).max(initial=0.0))
         v = v / (width or 1.0)
         held = max(solution.tolerance, solution.residual)
-        free = _find_directions(r, v, mu, _TOLERANCES * held)
+        free = _find_directions(r, v, mu, _TOLERANCES * held).toarray()
         # W z + R b = 0 for some b: W z has no part across the motions.
         across = scaled - motions @ (motions.T @ scaled)
         rows = np.vstack([across, motions.T])
@@ -150,13 +158,45 @@ class _Answers:
         span = (free @ null).reshape(*q.shape, -1)
         moved = np.linalg.norm(span, axis=(1, 2)) > _DETERMINED
         span[~moved] = 0.0
-        law = Programme(*_make_cones(span[moved], base[moved], mu[moved], free, moved))
-        return cls(solution.reaction, factor * size, base, span, law)
+        G, h = _make_cones(span[moved], base[moved], mu, free, moved)
+        law = make_cone_set(G.reshape(h.size, span.shape[2]), h)
+        flat = span.reshape(q.size, -1)
+        return cls(solution.reaction, factor * size, base, flat, law)
+
+    @classmethod
+    def of_rigid_bodies(
+        cls, q: Floats, mu: Floats, rigid: tuple[Any, Floats], solution: Solution
+    ) -> _Answers:
+        """Without compliance: all that the law allows and that balances the loads.
+
+        No null space is needed, and ``R`` may be sparse.
+        """
+        from scipy.sparse import csr_array, diags_array
+
+        by, mu = _core.isotropic(mu, q.shape[1])
+        r = solution.reaction / by
+        size = float(np.abs(r).max(initial=0.0)) or 1.0
+        v = by * solution.relative_displacement
+        width = float(np.abs(v).max(initial=0.0))
+        held = max(solution.tolerance, solution.residual)
+        free = _find_directions(r / size, v / (width or 1.0), mu, _TOLERANCES * held)
+        R = csr_array(diags_array(by.ravel()) @ csr_array(rigid[0]))
+        length = np.sqrt((R * R).sum(axis=0))
+        equations = csr_array(diags_array(1 / length) @ R.T @ free)
+        widths = _find_widths(free, mu)
+        law = make_cone_set(
+            diags_array(widths.ravel()) @ free,
+            np.zeros(q.shape),
+            equations,
+            -rigid[1] / length / size,
+        )
+        return cls(solution.reaction, by * size, np.zeros(q.shape), free, law)
 
     def range(self, contact: int, component: int) -> ReactionRange:
         """Range of one component of one reaction."""
         reaction_here = float(self.found[contact, component])
-        cost = self.span[contact, component]
+        shape = self.found.shape
+        cost = make_dense(self.span[[contact * shape[1] + component]])[0]
         size = float(np.linalg.norm(cost))
         unit = float(self.factor[contact, component])
         if size <= _DETERMINED:
@@ -171,14 +211,14 @@ class _Answers:
             )
         ends: list[tuple[float, Floats, Floats | None, float]] = []
         for sign in (1.0, -1.0):
-            end = self.law.minimise(sign * cost / size)
-            moved = self.span @ end.y
-            if end.bounded:
+            y, bounded, gap = self.law.minimise(sign * cost / size)
+            moved = (self.span @ y).reshape(shape)
+            if bounded:
                 reaction = self.factor * (self.base + moved)
                 # Rounding of zero, of both signs.
                 reaction[:, 0] = np.maximum(reaction[:, 0], 0.0) + 0.0
                 value = float(reaction[contact, component])
-                ends.append((value, reaction, None, end.gap * size * unit))
+                ends.append((value, reaction, None, gap * size * unit))
             else:
                 direction = self.factor * moved
                 direction /= np.abs(direction[:, 0]).max()
@@ -208,28 +248,28 @@ def _find_range(columns: Floats) -> Floats:
     return np.asarray(U[:, size > zero])
 
 
-def _find_directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Floats:
+def _find_directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Any:
     """Orthonormal columns ``(n_c d, m)`` of the reactions that the law allows with ``v``.
 
     ``r`` and ``v`` are relative to the largest force and displacement; a displacement of at
-    most ``zero`` is zero.
+    most ``zero`` is zero. The matrix is sparse.
     """
-    contacts, d = r.shape
+    from scipy.sparse import block_diag, csr_array
+
+    d = r.shape[1]
     slip = np.linalg.norm(v[:, 1:], axis=1)
-    columns: list[Floats] = []
-    for i in range(contacts):
-        if v[i, 0] > zero and r[i, 0] <= v[i, 0]:
-            continue
+    blocks = []
+    for i in range(len(r)):
         directions = np.eye(d)
-        if mu[i] == 0:
+        if v[i, 0] > zero and r[i, 0] <= v[i, 0]:
+            directions = directions[:0]
+        elif mu[i] == 0:
             directions = directions[:1]
         elif slip[i] > zero:
             directions = np.concatenate([[1.0], -mu[i] * v[i, 1:] / slip[i]])[None]
             directions /= np.linalg.norm(directions)
-        whole = np.zeros((len(directions), contacts, d))
-        whole[:, i] = directions
-        columns.extend(whole.reshape(len(directions), -1))
-    return np.array(columns).reshape(-1, contacts * d).T
+        blocks.append(directions.T)
+    return csr_array(block_diag(blocks, format="csr"))
 
 
 def _find_null_space(
@@ -252,18 +292,33 @@ def _find_null_space(
 
 
 def _make_cones(
-    span: Floats, base: Floats, mu: Floats, free: Floats, moved: Bools
+    span: Floats, base: Floats, mu_all: Floats, free: Floats, moved: Bools
 ) -> tuple[Floats, Floats]:
     """Vectors that lie in circular cones; half-lines of one unknown have no other component."""
-    contacts, d = len(moved), base.shape[1]
-    unknowns = np.count_nonzero(free.reshape(contacts, d, -1).any(axis=1), axis=1)
-    sticks = unknowns[moved] == d
-    root = np.sqrt(np.where(sticks, mu, 1.0))
-    by = np.zeros(base.shape)
-    by[:, 0] = root
-    by[:, 1:] = (sticks / root)[:, None]
+    by = _find_widths(free, mu_all)[moved]
     offset = by * base
     # Rounding may leave the solution outside of a cone; y = 0 is allowed.
     out = np.linalg.norm(offset[:, 1:], axis=1) - offset[:, 0]
     offset[:, 0] += np.maximum(out, 0.0)
     return by[..., None] * span, offset
+
+
+def _find_widths(free: Any, mu: Floats) -> Floats:
+    """Factors ``(n_c, d)`` that make cones circular, zero for what is no unknown."""
+    contacts = len(mu)
+    used = make_dense((abs(free)).sum(axis=1)).reshape(contacts, -1) > 0
+    unknowns = np.zeros(contacts, int)
+    rows, columns = np.nonzero(free) if isinstance(free, np.ndarray) else free.nonzero()
+    d = used.shape[1]
+    pairs = np.unique(np.column_stack([rows // d, columns]), axis=0)
+    np.add.at(unknowns, pairs[:, 0], 1)
+    sticks = unknowns == d
+    root = np.sqrt(np.where(sticks, mu, 1.0))
+    by = np.zeros((contacts, d))
+    by[:, 0] = root
+    by[:, 1:] = (sticks / root)[:, None]
+    return by
+
+
+def _entries(W: Floats | CsrMatrix) -> Floats:
+    return np.asarray(W.data if hasattr(W, "tocsr") else W)

@@ -87,4 +87,4 @@ def _find_unresisted(model: Assembly, R: Floats, e: Floats) -> Floats | None:
         problem = ReducedProblem(identity, gap, model.mu, rigid=(R, e))
     except FloatingBodyError:
         return None
-    return problem.find_unresisted()
+    return problem.equilibrium().motion

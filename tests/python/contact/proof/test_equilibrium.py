@@ -1,11 +1,14 @@
 """Whether reactions balance the loads: verdicts as a linear programme, proofs without rounding."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 import bipot_rs as bp
+from bipot_rs.contact.proof.equilibrium import statics_of_rows
 from support.heaps import Heap, is_carried, make_heap
 from support.masonry import LIMITS, wall
 from support.rational import excludes_balance
@@ -14,11 +17,11 @@ Array = NDArray[np.float64]
 
 
 def rigid(
-    R: Array, e: Array, mu: float | Array, d: int, **law: float | Array
+    R: Any, e: Array, mu: float | Array, d: int, **law: float | Array
 ) -> bp.ReducedProblem:
     """Rigid bodies: no compliance and no free displacement."""
-    count = len(R) // d
-    nothing = csr_array((len(R), len(R)))
+    count = R.shape[0] // d
+    nothing = csr_array((R.shape[0], R.shape[0]))
     return bp.ReducedProblem(nothing, np.zeros((count, d)), mu, rigid=(R, e), **law)
 
 
@@ -115,6 +118,13 @@ def test_a_wedge_presses_itself() -> None:
     assert check(rigid(R, down, 0.3, 2)) == "balanced"
     assert check(rigid(R, down, 0.0, 2)) == "none"
 
+    # Turned, rounding hides the motion; the proof excludes what is not rounding.
+    c, s = np.cos(0.3), np.sin(0.3)
+    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    turned = rigid(R @ turn, turn.T @ down, 0.0, 2).equilibrium()
+    assert turned.verdict == "none"
+    assert turned.excluded > 1e9
+
 
 def test_without_rigid_motions_nothing_is_to_be_balanced() -> None:
     free = bp.ReducedProblem(np.eye(2), [[1.0, 0.0]], 0.5).equilibrium()
@@ -177,3 +187,65 @@ def test_a_sparse_R_is_taken_as_a_dense_one(heap: Heap) -> None:
     still = csr_array(np.column_stack([heap.R[:, 0], 0 * heap.R[:, 0]]))
     with pytest.raises(bp.FloatingBodyError, match="rigid motion 1 moves no contact"):
         bp.ReducedProblem(dense.W, dense.q, heap.mu, rigid=(still, heap.e[:2]))
+
+
+def test_cohesion_holds_a_block_beyond_friction() -> None:
+    # Two corners hold 0.5 of the weight 1, and 0.1 each, at most.
+    R = np.array([[1.0, 0, -1], [0, 1, 1], [1, 0, 1], [0, 1, 1]])
+    friction, cohesion = np.tile([0.0, 0.5], 2), np.full(2, 0.1)
+    statics = statics_of_rows(R, [2, 2], friction, cohesion)
+    for side, verdict in ((0.7 - 1e-6, "balanced"), (-0.7 - 1e-6, "none")):
+        load = np.array([-1.0, side, 0.0])
+        decision = statics.decide(load)
+        assert decision.verdict == verdict
+        if verdict == "none":
+            assert excludes_balance(R, load, 0.5, decision.motion, 2, cohesion=0.1)
+    limit = statics.find_limit(np.array([-1.0, 0, 0]), np.array([0.0, 1, 0]))
+    assert limit.upper == pytest.approx(0.7, rel=1e-7)
+    # Without friction, cohesion alone; a weight may be as large as it likes.
+    bare = statics_of_rows(R, [2, 2], np.zeros(4), cohesion)
+    assert bare.decide(np.array([-5.0, 0.199, 0.0])).verdict == "balanced"
+    assert bare.decide(np.array([-5.0, 0.201, 0.0])).verdict == "none"
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 4, 5, 6])
+def test_balanced_reactions_are_the_solution_of_rigid_bodies(seed: int) -> None:
+    heap = make_heap(seed)
+    assert heap is not None
+    problem = rigid(heap.R, heap.e, heap.mu, 2)
+    found, solution = problem.equilibrium(), problem.solve()
+    assert solution.converged == (found.verdict == "balanced") == is_carried(heap)
+    if solution.converged:
+        assert solution.iterations == 0
+        assert not solution.relative_displacement.any()
+        assert found.reaction is not None
+        np.testing.assert_array_equal(solution.reaction, found.reaction)
+        # An answer that is given is kept.
+        again = problem.solve(start=0.5 * (solution.reaction + found.reaction))
+        np.testing.assert_array_equal(again.reaction, solution.reaction)
+        # A free displacement that a rigid motion undoes, to rounding, changes nothing.
+        b = np.random.default_rng(seed).normal(size=len(heap.e))
+        moved = bp.ReducedProblem(
+            problem.W, (heap.R @ b).reshape(-1, 2), heap.mu, rigid=(heap.R, heap.e)
+        ).solve()
+        assert moved.converged
+        assert moved.rigid_motion == pytest.approx(-b, rel=1e-9)
+    else:
+        assert solution.outcome is bp.Outcome.NO_EQUILIBRIUM
+
+
+def test_a_free_displacement_that_is_not_rigid_counts() -> None:
+    # A beam on three supports without friction, of which the middle one is too low.
+    R = np.zeros((6, 2))
+    R[0::2] = [[1.0, -1.0], [1.0, 0.0], [1.0, 1.0]]
+    q = [[0.0, 0.0], [1e-3, 0.0], [0.0, 0.0]]
+    problem = bp.ReducedProblem(csr_array((6, 6)), q, 0.0, rigid=(R, [-1.0, 0.0]))
+    solution = problem.solve()
+    assert solution.converged
+    # Only the outer ones carry, half each.
+    np.testing.assert_allclose(solution.reaction[:, 0], [0.5, 0, 0.5], atol=1e-9)
+
+
+def test_others_exist_where_reactions_are_not_determined() -> None:
+    load = np.array([0.1, 0, -1.0, 0, -0.1, 0])
+    assert block(load, 0.5).solve().unique == "others exist"

@@ -11,7 +11,8 @@ import bipot_rs as bp
 
 Array = NDArray[np.float64]
 # Sums of some ten numbers of the order of one, and a linear system of them.
-ROUNDING = 1e-13
+# Relative; the programmes end at 1e-12.
+ROUNDING = 1e-11
 # What is promised in space.
 SPACE = 1e-9
 

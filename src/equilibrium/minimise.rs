@@ -1,0 +1,208 @@
+//! The least value of a linear function over a product of circular cones.
+//!
+//! `min c·y` with `h + G y` in the cones and `E y = f`. The multipliers give a bound from below,
+//! `c·y ≥ f·w − h·z` with `c = Gᵀ z + Eᵀ w` and `z` in the cones; what rounding leaves of these
+//! relations is added to the gap.
+
+use crate::equilibrium::programme::{Limits, Programme};
+use crate::error::Error;
+use crate::linalg::small::norm;
+use crate::linalg::sparse::rows::OwnedMatrix;
+
+/// A direction leaves the cones by at most this share of its size.
+const RAY: f64 = 1e-9;
+
+/// The largest share of `y = 0` in a point, which removes what rounding left outside.
+const SHRINK: f64 = 1e-10;
+
+/// The set over which functions are minimised.
+#[derive(Clone, Debug)]
+pub struct ConeSet {
+    /// `G` by rows, the rows of a cone consecutive.
+    pub rows: OwnedMatrix,
+    /// `h`; `y = 0` lies in the set if there are no equations.
+    pub offset: Vec<f64>,
+    /// Number of rows of each cone: the first is at least the length of the others.
+    pub sizes: Vec<usize>,
+    /// `E` by rows, and `f`.
+    pub equations: OwnedMatrix,
+    pub right: Vec<f64>,
+    pub unknowns: usize,
+}
+
+/// The end of a search.
+#[derive(Clone, Debug)]
+pub struct Optimum {
+    /// The point, or the direction along which the function falls without bound.
+    pub y: Vec<f64>,
+    pub bounded: bool,
+    /// Difference from the bound by the multipliers; infinite without one.
+    pub gap: f64,
+}
+
+impl ConeSet {
+    /// Finds the least `cost·y`, or a direction without one.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn minimise(&self, cost: &[f64], limits: Limits) -> Result<Optimum, Error> {
+        let mut programme = Programme::new(self.unknowns);
+        programme.cost.copy_from_slice(cost);
+        for (equation, f) in self.right.iter().enumerate() {
+            programme.push(-f, entries(&self.equations, equation));
+        }
+        programme.equal(self.right.len());
+        let mut first = 0;
+        for &size in &self.sizes {
+            let used = |row: usize| self.offset[row] != 0.0 || !self.rows.is_empty_row(row);
+            let rows: Vec<usize> = (first..first + size).collect();
+            // A half-line has no other component.
+            let flat = !rows[1..].iter().any(|&row| used(row));
+            for &row in &rows[..if flat { 1 } else { size }] {
+                programme.push(self.offset[row], entries(&self.rows, row));
+            }
+            if flat {
+                programme.nonnegative(1);
+            } else {
+                programme.circular(size);
+            }
+            first += size;
+        }
+        let end = programme.solve(limits)?;
+        let dual = self.spread(&end.multipliers);
+        if !norm(&end.x).is_finite() {
+            return Ok(Optimum {
+                y: vec![0.0; self.unknowns],
+                bounded: true,
+                gap: f64::INFINITY,
+            });
+        }
+        let optimum = self.measure(end.x, &dual, cost);
+        Ok(optimum)
+    }
+
+    /// The multipliers of the equations, and those of all rows.
+    fn spread(&self, multipliers: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let (equations, mut rest) = multipliers.split_at(self.right.len());
+        let mut rows = vec![0.0; self.offset.len()];
+        let mut first = 0;
+        for &size in &self.sizes {
+            let used = |row: usize| self.offset[row] != 0.0 || !self.rows.is_empty_row(row);
+            let flat = !(first + 1..first + size).any(used);
+            let count = if flat { 1 } else { size };
+            rows[first..first + count].copy_from_slice(&rest[..count]);
+            rest = &rest[count..];
+            first += size;
+        }
+        (equations.to_vec(), rows)
+    }
+
+    /// The point with its gap, or the direction.
+    fn measure(&self, mut y: Vec<f64>, dual: &(Vec<f64>, Vec<f64>), cost: &[f64]) -> Optimum {
+        let (equations, multipliers) = dual;
+        let moved = product(&self.rows, &y);
+        let falls = -dot(cost, &y);
+        let along = norm(&product(&self.equations, &y));
+        let size = moved.iter().fold(0.0, |m: f64, s| m.max(s.abs()));
+        let outside = -least(&self.depths(&moved));
+        let still = along <= RAY * norm(&y) * norm(&self.equations.values).max(1.0);
+        let least_bound = dot(equations, &self.right) - dot(&self.offset, multipliers);
+        let point: Vec<f64> = moved.iter().zip(&self.offset).map(|(s, h)| s + h).collect();
+        let inside = self.depths(&point);
+        let balanced = self.leaves(&y) <= 1e-6 * (norm(&self.right) + norm(&y));
+        let bound_holds = (-falls - least_bound).abs() <= 1e-4 * (falls.abs() + least_bound.abs());
+        if falls > 0.0 && outside <= RAY * size && still && !(balanced && bound_holds) {
+            let direction = y.iter().map(|y| y / falls).collect();
+            return Optimum {
+                y: direction,
+                bounded: false,
+                gap: 0.0,
+            };
+        }
+        if self.right.is_empty() {
+            // A share of y = 0, which is in the cones, removes what rounding left outside.
+            let shares = self.depths(&self.offset).into_iter().zip(&inside);
+            let share = shares.filter(|(zero, lack)| **lack < 0.0 && zero > *lack);
+            let share = share.map(|(zero, lack)| -lack / (zero - lack));
+            let share = share.filter(|share| *share <= SHRINK).fold(0.0, f64::max);
+            for amount in &mut y {
+                *amount *= 1.0 - share;
+            }
+        }
+        let point: Vec<f64> = product(&self.rows, &y)
+            .iter()
+            .zip(&self.offset)
+            .map(|(s, h)| s + h)
+            .collect();
+        let (wide, short) = (
+            (-least(&self.depths(&point))).max(0.0),
+            (-least(&self.depths(multipliers))).max(0.0),
+        );
+        let mut missing = cost.to_vec();
+        for (matrix, multipliers) in [(&self.rows, multipliers), (&self.equations, equations)] {
+            for (row, z) in multipliers.iter().enumerate() {
+                for (column, value) in entries(matrix, row) {
+                    missing[column] -= value * z;
+                }
+            }
+        }
+        let firsts = |x: &[f64]| self.firsts().map(|row| x[row].abs()).sum::<f64>();
+        let reach = firsts(&point) + firsts(&self.offset);
+        let gap = (dot(cost, &y) - least_bound).max(0.0);
+        let rest = short * reach + wide * firsts(multipliers);
+        let rest = rest + norm(&missing) * norm(&y) + self.leaves(&y) * norm(equations);
+        Optimum {
+            y,
+            bounded: true,
+            gap: gap + rest,
+        }
+    }
+
+    /// `‖E y − f‖`.
+    fn leaves(&self, y: &[f64]) -> f64 {
+        let left = product(&self.equations, y);
+        let left: Vec<f64> = left.iter().zip(&self.right).map(|(e, f)| e - f).collect();
+        norm(&left)
+    }
+
+    fn firsts(&self) -> impl Iterator<Item = usize> + '_ {
+        self.sizes.iter().scan(0, |next, size| {
+            let first = *next;
+            *next += size;
+            Some(first)
+        })
+    }
+
+    /// `s_0 − ‖s_t‖` of each cone: negative outside.
+    fn depths(&self, s: &[f64]) -> Vec<f64> {
+        let cones = self.firsts().zip(&self.sizes);
+        let depth = |(first, size): (usize, &usize)| s[first] - norm(&s[first + 1..first + size]);
+        cones.map(depth).collect()
+    }
+}
+
+fn entries(matrix: &OwnedMatrix, row: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+    let range = matrix.pointer[row]..matrix.pointer[row + 1];
+    let entries = matrix.index[range.clone()]
+        .iter()
+        .zip(&matrix.values[range]);
+    entries.map(|(&column, &value)| (column, value))
+}
+
+fn product(matrix: &OwnedMatrix, y: &[f64]) -> Vec<f64> {
+    let rows = 0..matrix.pointer.len() - 1;
+    let of_row = |row| {
+        entries(matrix, row)
+            .map(|(column, value)| value * y[column])
+            .sum()
+    };
+    rows.map(of_row).collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+fn least(numbers: &[f64]) -> f64 {
+    numbers.iter().fold(f64::INFINITY, |m, x| m.min(*x))
+}
