@@ -72,6 +72,13 @@ pub fn decide(statics: &Statics, load: &[f64], limits: Limits) -> Result<Decisio
             found: load.len(),
         });
     }
+    if let Some(index) = load.iter().position(|e| !e.is_finite()) {
+        return Err(Error::NotFinite {
+            what: "e",
+            index,
+            value: load[index],
+        });
+    }
     let lengths = statics.column_lengths();
     let mut place = vec![0; statics.motions];
     let mut whole = Decision {

@@ -40,6 +40,13 @@ pub fn find_limit(
     live: &[f64],
     limits: Limits,
 ) -> Result<LimitLoad, Error> {
+    if live.len() != statics.motions {
+        return Err(Error::Shape {
+            what: "the live load",
+            expected: statics.motions,
+            found: live.len(),
+        });
+    }
     let without = decide(statics, dead, limits)?;
     let mut limit = LimitLoad {
         dead: without,

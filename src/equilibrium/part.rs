@@ -1,7 +1,7 @@
 //! The programmes of one group of motions, in scaled variables: columns of `R` have length 1,
 //! loads are of the order of 1, and the cones are circular.
 
-use crate::equilibrium::programme::{End, Limits, Programme};
+use crate::equilibrium::programme::{End, Limits, NEAR_ROUNDING, Programme};
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
 use crate::linalg::small::norm;
@@ -68,9 +68,8 @@ impl<'a> Part<'a> {
         for &contact in contacts {
             let mu = statics.largest_friction(contact);
             let cohesion = statics.cohesion[contact];
-            let rubs = mu > 0.0 || cohesion > 0.0;
             let rows = statics.first[contact]..statics.first[contact + 1];
-            let count = if rubs { rows.len() } else { 1 };
+            let count = if statics.rubs(contact) { rows.len() } else { 1 };
             let length = mu.hypot(1.0);
             part.cones.push(Cone {
                 first: part.component.len(),
@@ -183,7 +182,7 @@ impl<'a> Part<'a> {
         self.confine(&mut programme, Some(margin));
         programme.push(1.0, [(margin, -1.0)]);
         programme.nonnegative(1);
-        let end = programme.solve(limits)?;
+        let end = programme.solve(NEAR_ROUNDING, limits)?;
         Ok((self.reaction(&end), end.x[margin], self.motion(&end)))
     }
 
@@ -194,7 +193,7 @@ impl<'a> Part<'a> {
         programme.squares.fill(1.0);
         self.balance(&mut programme, |_| None);
         self.confine(&mut programme, None);
-        let end = programme.solve(limits)?;
+        let end = programme.solve(NEAR_ROUNDING, limits)?;
         Ok((self.reaction(&end), self.motion(&end)))
     }
 
@@ -207,7 +206,7 @@ impl<'a> Part<'a> {
         programme.squares[imbalance..].fill(1.0);
         self.balance(&mut programme, |motion| Some((imbalance + motion, -1.0)));
         self.confine(&mut programme, None);
-        let end = programme.solve(limits)?;
+        let end = programme.solve(NEAR_ROUNDING, limits)?;
         Ok(self.spread(&end.x[imbalance..]))
     }
 
@@ -227,7 +226,7 @@ impl<'a> Part<'a> {
         self.confine(&mut programme, None);
         programme.push(0.0, [(multiplier, 1.0)]);
         programme.nonnegative(1);
-        let end = programme.solve(limits)?;
+        let end = programme.solve(NEAR_ROUNDING, limits)?;
         Ok((end.x[multiplier] / size, self.motion(&end)))
     }
 
@@ -284,7 +283,7 @@ impl<'a> Part<'a> {
             }
         }
         programme.nonnegative(2 * motions + if each { 2 * margins } else { 0 });
-        let end = programme.solve(limits)?;
+        let end = programme.solve(NEAR_ROUNDING, limits)?;
         Ok(self.spread(&end.x[..motions]))
     }
 

@@ -16,7 +16,7 @@ use crate::error::Error;
 
 /// Relative residuals and gap at which steps end: near rounding. Where they stall before, the
 /// best point is returned.
-const ENOUGH: f64 = 1e-12;
+pub const NEAR_ROUNDING: f64 = 1e-12;
 
 /// With fewer entries the programme ends before a signal could.
 const LONG: usize = 20_000;
@@ -96,11 +96,11 @@ impl Programme {
         self.cones.push(SupportedConeT::SecondOrderConeT(rows));
     }
 
-    /// Searches. Every run gives the same bits, if no limit ends it.
+    /// Searches until relative residuals and gap are `enough`. Every run gives the same bits, if no limit ends it.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
-    pub fn solve(self, limits: Limits) -> Result<End, Error> {
+    pub fn solve(self, enough: f64, limits: Limits) -> Result<End, Error> {
         let (rows, columns, entries) = (self.right.len(), self.cost.len(), self.value.len());
         let diagonal: Vec<usize> = (0..columns).filter(|&j| self.squares[j] != 0.0).collect();
         let squares = diagonal.iter().map(|&j| self.squares[j]).collect();
@@ -111,11 +111,11 @@ impl Programme {
             verbose: false,
             max_threads: 1,
             time_limit: limits.seconds.max(0.0),
-            tol_feas: ENOUGH,
-            tol_gap_abs: ENOUGH,
-            tol_gap_rel: ENOUGH,
-            tol_infeas_abs: ENOUGH,
-            tol_infeas_rel: ENOUGH,
+            tol_feas: enough,
+            tol_gap_abs: enough,
+            tol_gap_rel: enough,
+            tol_infeas_abs: enough,
+            tol_infeas_rel: enough,
             ..DefaultSettings::default()
         };
         let nothing = End {

@@ -33,13 +33,22 @@ impl Statics {
         friction: Vec<f64>,
         cohesion: Vec<f64>,
     ) -> Result<Self, Error> {
-        let mut first = vec![0];
-        first.extend(sizes.iter().scan(0, |sum, size| {
-            *sum += size;
-            Some(*sum)
-        }));
+        let mut first = vec![0_usize];
+        for (contact, &size) in sizes.iter().enumerate() {
+            let next = first[contact].checked_add(size).filter(|_| size > 0);
+            first.push(next.ok_or(Error::Shape {
+                what: "the rows of a contact",
+                expected: 1,
+                found: size,
+            })?);
+        }
         let count = first[sizes.len()];
-        rows.check("R", count, motions)?;
+        if friction.len() == count {
+            rows.check("R", count, motions)?;
+        }
+        for (what, numbers) in [("mu", &friction), ("cohesion", &cohesion)] {
+            check_finite(what, numbers)?;
+        }
         let lengths = [
             ("mu", friction.len(), count),
             ("cohesion", cohesion.len(), sizes.len()),
@@ -62,6 +71,45 @@ impl Statics {
         })
     }
 
+    /// Whether reactions without loads may be added to balanced ones: all are inside their cones,
+    /// and there are more of them than motions.
+    #[must_use]
+    pub fn has_self_stress(&self, reaction: &[f64]) -> bool {
+        /// A reaction is inside by this share of the largest.
+        const INSIDE: f64 = 1e-9;
+        let largest = reaction.iter().fold(0.0, |m: f64, r| m.max(r.abs()));
+        let mut unknowns = 0;
+        let inside = (0..self.contacts()).all(|contact| {
+            let rows = self.first[contact]..self.first[contact + 1];
+            let (mu, cohesion) = (self.largest_friction(contact), self.cohesion[contact]);
+            let rubs = self.rubs(contact);
+            unknowns += if rubs { rows.len() } else { 1 };
+            let friction = rows.clone().skip(1).fold(0.0, |sum: f64, row| {
+                let factor = if mu > 0.0 {
+                    mu / self.friction[row]
+                } else {
+                    1.0
+                };
+                sum.hypot(factor * reaction[row])
+            });
+            let pressure = reaction[rows.start];
+            let room = (cohesion + mu * pressure - friction) / mu.hypot(1.0);
+            pressure > INSIDE * largest && (!rubs || room > INSIDE * largest)
+        });
+        inside && unknowns > self.motions
+    }
+
+    #[must_use]
+    pub fn motions(&self) -> usize {
+        self.motions
+    }
+
+    /// Number of rows of `R`.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.friction.len()
+    }
+
     #[must_use]
     pub fn contacts(&self) -> usize {
         self.cohesion.len()
@@ -74,6 +122,12 @@ impl Statics {
             cohesion: vec![0.0; self.cohesion.len()],
             ..self.clone()
         }
+    }
+
+    /// Whether a contact has friction.
+    #[must_use]
+    pub fn rubs(&self, contact: usize) -> bool {
+        self.largest_friction(contact) > 0.0 || self.cohesion[contact] > 0.0
     }
 
     /// The largest coefficient of a contact.
@@ -143,5 +197,19 @@ impl Statics {
             }
         }
         groups
+    }
+}
+
+fn check_finite(what: &'static str, numbers: &[f64]) -> Result<(), Error> {
+    match numbers
+        .iter()
+        .position(|c| !(0.0..f64::INFINITY).contains(c))
+    {
+        Some(place) => Err(Error::NotFinite {
+            what,
+            index: place,
+            value: numbers[place],
+        }),
+        None => Ok(()),
     }
 }

@@ -6,14 +6,13 @@ use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::small::tangential_norm;
 use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
 use crate::proof::monotonicity::{KnownSlip, Monotonicity, Units, Weights};
 use crate::proof::tuning;
 use crate::proof::weights;
 use crate::reduced::reduced::Reduced;
-use crate::solver::enumerate;
+use crate::solver::{at_rest, enumerate};
 
 /// What is known of the number of solutions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +56,12 @@ pub fn assess<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Unique, Error> {
     if !problem.rigid.modes.is_empty() || problem.contradiction.is_some() {
-        return Ok(if has_self_stress(problem, r) {
+        // Nothing moves if all reactions are inside their cones.
+        let rigid = (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0);
+        let several = rigid
+            && problem.contradiction.is_none()
+            && at_rest::of_problem(problem)?.has_self_stress(r.as_flattened());
+        return Ok(if several {
             Unique::OthersExist
         } else {
             Unique::Unknown
@@ -84,30 +88,6 @@ pub fn assess<const D: usize>(
         }
     }
     Ok(verdict)
-}
-
-/// Whether reactions without loads may be added to a solution of rigid bodies: nothing deforms,
-/// all reactions are inside their cones, so that nothing moves, and there are more of them than
-/// rigid motions.
-fn has_self_stress<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool {
-    /// A reaction is inside by this share of the largest.
-    const INSIDE: f64 = 1e-9;
-    let rigid = (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0);
-    let largest = r.iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
-    let inside = r.iter().zip(&problem.law).all(|(r, law)| {
-        let friction = if law.mu > 0.0 || law.cohesion > 0.0 {
-            (law.cohesion + law.mu * r[0] - tangential_norm(r)) / law.mu.hypot(1.0)
-        } else {
-            r[0]
-        };
-        friction.min(r[0]) > INSIDE * largest
-    });
-    let rubbing = problem
-        .law
-        .iter()
-        .filter(|law| law.mu > 0.0 || law.cohesion > 0.0);
-    let unknowns = r.len() + (D - 1) * rubbing.count();
-    rigid && inside && problem.contradiction.is_none() && unknowns > problem.rigid.modes.len()
 }
 
 /// [`assess`] in the plane, where all statuses of few contacts can be tried.

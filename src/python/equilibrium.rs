@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
+use crate::equilibrium::balance_norm::measure_imbalance;
 use crate::equilibrium::decide::{Decision, decide};
 use crate::equilibrium::minimise::ConeSet;
 use crate::equilibrium::multiplier::find_limit;
@@ -14,6 +15,8 @@ use crate::error::Error;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::python::arrays::{Csr, CsrArrays, Indices, Vector, from_vec, indices, length};
 use crate::python::interrupt;
+use crate::python::solution::PySolution;
+use crate::solver::at_rest::solve_at_rest;
 
 /// The contacts of a question of statics.
 #[pyclass(frozen, name = "Statics", module = "bipot_rs._core")]
@@ -58,6 +61,57 @@ impl PyStatics {
             decide(&self.statics, load, limits)
         })?;
         Ok(PyDecision::new(py, decision))
+    }
+
+    /// The solution of rigid bodies without compliance and free displacement, in so many
+    /// dimensions.
+    fn solve_at_rest(
+        &self,
+        py: Python<'_>,
+        load: Vector<'_>,
+        tol: f64,
+        max_seconds: Option<f64>,
+        dimension: usize,
+    ) -> PyResult<PySolution> {
+        let (load, statics) = (load.as_slice()?, &self.statics);
+        length(
+            "the rows of contacts",
+            dimension * statics.contacts(),
+            statics.rows(),
+        )?;
+        if dimension == 2 {
+            let solution = run(py, max_seconds, |limits| {
+                solve_at_rest::<2>(statics, load, tol, limits)
+            })?;
+            PySolution::new(py, &solution, None)
+        } else {
+            let solution = run(py, max_seconds, |limits| {
+                solve_at_rest::<3>(statics, load, tol, limits)
+            })?;
+            PySolution::new(py, &solution, None)
+        }
+    }
+
+    /// The residual of reactions with which nothing moves, as far as it is their imbalance.
+    fn measure_imbalance(
+        &self,
+        py: Python<'_>,
+        reaction: Vector<'_>,
+        load: Vector<'_>,
+    ) -> PyResult<f64> {
+        let (reaction, load, statics) = (reaction.as_slice()?, load.as_slice()?, &self.statics);
+        length("reaction", reaction.len(), statics.rows())?;
+        length("load", load.len(), statics.motions())?;
+        run(py, None, |limits| {
+            measure_imbalance(statics, reaction, load, limits.stop)
+        })
+    }
+
+    /// Whether reactions without loads may be added to balanced ones.
+    fn has_self_stress(&self, reaction: Vector<'_>) -> PyResult<bool> {
+        let reaction = reaction.as_slice()?;
+        length("reaction", reaction.len(), self.statics.rows())?;
+        Ok(self.statics.has_self_stress(reaction))
     }
 
     /// The largest multiple of the live load that reactions can balance beside the dead one.

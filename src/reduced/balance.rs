@@ -59,9 +59,6 @@ const LEAST_SLACK: f64 = 1e-6;
 /// It returns `Impossible` only with a motion that [`is_unresisted`] accepts.
 #[must_use]
 pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balance {
-    if problem.law.iter().any(|law| law.cohesion > 0.0) {
-        return Balance::Possible; // the sets of reactions are no cones
-    }
     for modes in coupled(problem) {
         if stop.load(Ordering::Relaxed) {
             break;

@@ -105,6 +105,18 @@ impl<'a, const D: usize> Reduced<'a, D> {
         self.law[contact].scaled(self.scaling.to_r[contact])
     }
 
+    /// The same problem with `q = 0`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn without_offset(&self) -> Result<Self, Error> {
+        let mut other = self.clone();
+        other.q.fill([0.0; D]);
+        other.scaling = Scaling::new(self.compliance, &other.q, &self.rigid)?;
+        other.contradiction = None;
+        Ok(other)
+    }
+
     #[must_use]
     pub fn contacts(&self) -> usize {
         self.q.len()

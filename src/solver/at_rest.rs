@@ -5,16 +5,21 @@
 //! one, and a proof that there are none ends the search.
 
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
+use crate::equilibrium::balance_norm::measure_imbalance;
 use crate::equilibrium::decide::{Decision, Verdict, decide};
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
+use crate::law::cone::Status;
 use crate::linalg::least_squares;
 use crate::linalg::small::norm;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::existence::works;
 use crate::reduced::reduced::Reduced;
+use crate::solver::outcome::Outcome;
+use crate::solver::solution::Solution;
 
 /// Rounding of `q`, relative to its terms `R b`.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
@@ -26,7 +31,7 @@ const FEW_MOTIONS: usize = 200;
 ///
 /// # Errors
 /// As [`Statics::new`].
-pub(super) fn of_problem<const D: usize>(problem: &Reduced<D>) -> Result<Statics, Error> {
+pub fn of_problem<const D: usize>(problem: &Reduced<D>) -> Result<Statics, Error> {
     let mut rows = OwnedMatrix::default();
     for contact in 0..problem.contacts() {
         for k in 0..D {
@@ -90,4 +95,49 @@ pub(super) fn find_rest<const D: usize>(problem: &Reduced<D>) -> Option<Vec<f64>
     }
     let left = problem.relative_displacement(&vec![[0.0; D]; problem.contacts()], &motion);
     (norm(left.as_flattened()) <= ROUNDING * terms).then_some(motion)
+}
+
+/// The answer of statics as a solution of many rigid bodies: `W = 0`, `q = 0`.
+///
+/// # Errors
+/// [`Error::DependentMotion`], [`Error::Interrupted`].
+pub fn solve_at_rest<const D: usize>(
+    statics: &Statics,
+    load: &[f64],
+    tol: f64,
+    limits: Limits,
+) -> Result<Solution<D>, Error> {
+    let started = Instant::now();
+    let decision = decide(statics, load, limits)?;
+    let residual = measure_imbalance(statics, &decision.reaction, load, limits.stop)?;
+    let reaction = decision.reaction.as_chunks::<D>().0.to_vec();
+    let status = |(contact, r): (usize, &[f64; D])| {
+        if r.iter().all(|&c| c == 0.0) {
+            Status::Open
+        } else if statics.rubs(contact) {
+            Status::Stick
+        } else {
+            Status::Slip
+        }
+    };
+    let contacts = reaction.len();
+    Ok(Solution {
+        relative_displacement: vec![[0.0; D]; contacts],
+        status: reaction.iter().enumerate().map(status).collect(),
+        opened: vec![false; contacts],
+        bipotential_gap: vec![0.0; contacts],
+        rigid_motion: vec![0.0; load.len()],
+        outcome: match decision.verdict {
+            Verdict::None => Outcome::NoEquilibrium,
+            Verdict::Balanced if residual <= tol => Outcome::Converged,
+            _ => Outcome::Stalled,
+        },
+        free_motion: decision.motion,
+        reaction,
+        residual,
+        tolerance: tol,
+        history: vec![(0.0, residual)],
+        seconds: started.elapsed().as_secs_f64(),
+        ..Solution::default()
+    })
 }

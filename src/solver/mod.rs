@@ -1,7 +1,7 @@
 //! Algorithms on the reduced problem, with their input, their result and the monitor.
 
 pub mod anderson;
-mod at_rest;
+pub mod at_rest;
 pub mod auto;
 pub mod derivatives;
 pub mod enumerate;

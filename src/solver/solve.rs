@@ -75,6 +75,19 @@ pub fn solve_watched<const D: usize>(
     }
     let auto = settings.method == Method::Auto;
     let resting = auto.then(|| at_rest::find_rest(problem)).flatten();
+    if let Some(motion) = resting.as_ref().filter(|a| a.iter().any(|&a| a != 0.0)) {
+        // The rounding of q would be as large as all displacements.
+        let still = problem.without_offset()?;
+        let mut start = start.clone();
+        for (a, offset) in start.rigid.iter_mut().zip(motion) {
+            *a -= offset;
+        }
+        let mut solution = solve_watched(&still, settings, &start, stop, progress)?;
+        for (a, offset) in solution.rigid_motion.iter_mut().zip(motion) {
+            *a += offset;
+        }
+        return Ok(solution);
+    }
     let mut balanced = false;
     let opening = if let Some(motion) = &resting {
         match rest(problem, settings, start, motion, &mut monitor)? {

@@ -1,0 +1,91 @@
+//! The length of an imbalance of forces, as the residual η measures it.
+//!
+//! With the columns of `R = Q T` orthonormalised, the imbalance of `Rᵀ r + e` has the length
+//! `‖T⁻ᵀ (Rᵀ r + e)‖`. `Tᵀ T = Rᵀ R` is sparse, and its Cholesky factor has this `T` up to
+//! rotations, which change no length.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::equilibrium::statics::Statics;
+use crate::error::Error;
+use crate::linalg::small::norm;
+use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::multifrontal::Factor;
+use crate::linalg::sparse::symbolic::{Options, Symbolic};
+
+/// `‖T⁻ᵀ (Rᵀ r + e)‖/‖T⁻ᵀ e‖`; zero without an imbalance.
+///
+/// # Errors
+/// [`Error::DependentMotion`] if the columns of `R` are dependent, [`Error::Interrupted`].
+pub fn measure_imbalance(
+    statics: &Statics,
+    reaction: &[f64],
+    load: &[f64],
+    stop: &AtomicBool,
+) -> Result<f64, Error> {
+    let lengths = statics.column_lengths();
+    let factor = factor_gram(statics, &lengths, stop)?;
+    let size = |force: &[f64]| {
+        let mut scaled: Vec<f64> = force.iter().zip(&lengths).map(|(f, l)| f / l).collect();
+        factor.condense(&mut scaled, 1);
+        norm(&scaled)
+    };
+    let left = size(&statics.imbalance(reaction, load));
+    Ok(if left == 0.0 { 0.0 } else { left / size(load) })
+}
+
+/// The factor of `Rᵀ R`, with columns of length 1 and circular cones.
+fn factor_gram(statics: &Statics, lengths: &[f64], stop: &AtomicBool) -> Result<Factor, Error> {
+    let motions = lengths.len();
+    let mut of_motion: Vec<Vec<(usize, f64)>> = vec![Vec::new(); motions];
+    for contact in 0..statics.contacts() {
+        let mu = statics.largest_friction(contact);
+        for row in statics.first[contact]..statics.first[contact + 1] {
+            let normal = row == statics.first[contact];
+            let factor = if normal || mu == 0.0 {
+                1.0
+            } else {
+                statics.friction[row] / mu
+            };
+            for (j, value) in statics.row(row) {
+                of_motion[j].push((row, factor * value / lengths[j]));
+            }
+        }
+    }
+    let mut by_row: Vec<Vec<(usize, f64)>> = vec![Vec::new(); statics.friction.len()];
+    for (motion, entries) in of_motion.iter().enumerate() {
+        for &(row, value) in entries {
+            by_row[row].push((motion, value));
+        }
+    }
+    let (mut pointer, mut index, mut values) = (vec![0], Vec::new(), Vec::new());
+    let mut sums = vec![0.0; motions];
+    let mut touched = vec![false; motions];
+    for entries in &of_motion {
+        let mut column = Vec::new();
+        for &(row, value) in entries {
+            for &(other, factor) in &by_row[row] {
+                if !std::mem::replace(&mut touched[other], true) {
+                    column.push(other);
+                }
+                sums[other] += value * factor;
+            }
+        }
+        column.sort_unstable();
+        for &other in &column {
+            index.push(other);
+            values.push(std::mem::take(&mut sums[other]));
+            touched[other] = false;
+        }
+        pointer.push(index.len());
+    }
+    let gram = Symmetric::of_checked(&pointer, &index, &values);
+    let symbolic = Arc::new(Symbolic::analyse(&gram, &[], &Options::default())?);
+    Factor::new(symbolic, &gram, stop).map_err(|error| match error {
+        Error::Indefinite { dof, .. } | Error::FloatingBody { dof } => {
+            Error::DependentMotion { mode: dof }
+        }
+        other => other,
+    })
+}
