@@ -686,6 +686,14 @@ class Statics:
     ) -> Statics: ...
     def decide(self, load: _Floats, max_seconds: float | None = None) -> Decision:
         """Whether reactions balance the loads on the motions."""
+    def solve_at_rest(
+        self, load: _Floats, tol: float, max_seconds: float | None, dimension: int
+    ) -> ReducedSolution:
+        """The solution of rigid bodies without compliance and free displacement."""
+    def measure_imbalance(self, reaction: _Floats, load: _Floats) -> float:
+        """The residual of reactions with which nothing moves, without that of the law."""
+    def has_self_stress(self, reaction: _Floats) -> bool:
+        """Whether reactions without loads may be added to balanced ones."""
     def find_limit(self, dead: _Floats, live: _Floats) -> LimitLoad:
         """The largest multiple of the live load that reactions can balance beside the dead."""
 

@@ -76,7 +76,7 @@ impl PyStatics {
         let (load, statics) = (load.as_slice()?, &self.statics);
         length(
             "the rows of contacts",
-            dimension * statics.contacts(),
+            dimension.saturating_mul(statics.contacts()),
             statics.rows(),
         )?;
         if dimension == 2 {

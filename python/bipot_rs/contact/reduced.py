@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 # Iterations of each solve of a search for the largest multiplier.
 _CLIMB = 3000
 # With more entries, a dense R is made only for what needs it.
-_DENSE_MOTIONS = 10_000_000
+_DENSE_MOTIONS = 1_000_000
 # A residual that most problems reach; the limit is rounding if that is larger.
 _TIGHT = 1e-14
 
@@ -327,7 +327,11 @@ class ReducedProblem:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
             num_threads = threads(num_threads)
-        core = self._problem.solve(*chosen, reaction, rigid, num_threads, callback)
+        if start is None and self._is_statics and self.rigid is not None:
+            at_rest = self._statics.solve_at_rest
+            core = at_rest(self.rigid[1], tol, chosen.max_seconds, self.q.shape[1])
+        else:
+            core = self._problem.solve(*chosen, reaction, rigid, num_threads, callback)
         return self._complete(core, method, chosen.max_seconds)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
@@ -556,6 +560,11 @@ class ReducedProblem:
         W = self.W.data if hasattr(self.W, "tocsr") else np.asarray(self.W)
         return not self.q.any() and not np.any(W)
 
+    @cached_property
+    def _is_statics(self) -> bool:
+        """Whether these are so many rigid bodies that only statics is asked."""
+        return self.q.size * self._motions > _DENSE_MOTIONS and self._moves_rigidly()
+
     def _move_contacts(self, amounts: Floats) -> Floats:
         """Displacement of each contact ``(n_c, d)``, the largest of length 1."""
         R = self._dense_motions if self.rigid is None else self.rigid[0]
@@ -678,7 +687,7 @@ class ReducedProblem:
         return make_solution(
             core,
             free_motion_text=words,
-            inquiry=_ReducedInquiry(self._problem, tried, self._model()),
+            inquiry=_ReducedInquiry(self, tried),
         )
 
 
@@ -686,11 +695,17 @@ class ReducedProblem:
 class _ReducedInquiry:
     """A reduced problem, for the properties of its solution that are computed on use."""
 
-    core: _core.Reduced
+    problem: ReducedProblem
     tried: FailedSolve
-    model: ReducedModel
+
+    @property
+    def core(self) -> _core.Reduced:
+        return self.problem._problem
 
     def unique(self, solution: Solution, /) -> str:
+        if self.problem._is_statics:
+            several = self.problem._statics.has_self_stress(solution.reaction.ravel())
+            return "others exist" if several else "unknown"
         return self.core.assess(solution.reaction)
 
     def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:
@@ -711,7 +726,7 @@ class _ReducedInquiry:
         return diagnose(self.tried, solution, solution.relative_displacement)
 
     def derivatives(self) -> ReducedModel:
-        return self.model
+        return self.problem._model()
 
 
 def _check_motions(R: MatrixLike) -> Floats | CsrMatrix:

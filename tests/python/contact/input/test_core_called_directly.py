@@ -37,6 +37,10 @@ CLOSED, STICKS, ROWS, RIGHT = (
     np.eye(2),
     np.ones((1, 2)),
 )
+# Two contacts of one body that does not turn, and no equations.
+EYE_ROWS = (np.arange(5), np.tile(np.arange(2), 2), np.ones(4))
+NO_ROWS = (np.zeros(1, np.int64), np.zeros(0, np.int64), NONE)
+PUSH = np.array([-1.0, 0.1])
 MODES = np.ascontiguousarray(np.tile(np.eye(2), (1, 2)))
 
 
@@ -152,6 +156,9 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     condensed = _core.Condensed(EYE, EYE, GAP, LAW, np.zeros(0, np.int64), 2)
     held = _core.Reduced(ISLAND, GAP, LAW, np.zeros((0, 4)), NONE)
     floating = _core.Reduced(ISLAND, GAP, LAW, MODES, np.array([-1.0, 0.1]))
+    law = np.tile([0.0, 0.3], 2), np.zeros(2)
+    statics = _core.Statics(EYE_ROWS, 2, np.array([2, 2]), *law)
+    cones = _core.ConeSet(EYE_ROWS, np.ones(4), np.array([2, 2]), NO_ROWS, NONE, 2)
     tangents = _core.TangentView(condensed, CLOSED)
     linear = held.tangent(CLOSED, STICKS, ROWS)
     assert linear is not None
@@ -253,6 +260,20 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             ),
             [np.zeros(4), GAP, NONE],
         ),
+        "Statics": (
+            lambda *a: _core.Statics(*a).decide(PUSH),
+            [EYE_ROWS, 2, np.array([2, 2]), np.tile([0.0, 0.3], 2), np.zeros(2)],
+        ),
+        "Statics, decide": (statics.decide, [PUSH, 1.0]),
+        "Statics, find_limit": (statics.find_limit, [PUSH, PUSH[::-1].copy()]),
+        "Statics, solve_at_rest": (statics.solve_at_rest, [PUSH, 1e-10, 1.0, 2]),
+        "Statics, measure_imbalance": (statics.measure_imbalance, [LOAD, PUSH]),
+        "Statics, has_self_stress": (statics.has_self_stress, [LOAD]),
+        "ConeSet": (
+            lambda *a: _core.ConeSet(*a).minimise(PUSH),
+            [EYE_ROWS, np.ones(4), np.array([2, 2]), NO_ROWS, NONE, 2],
+        ),
+        "ConeSet, minimise": (cones.minimise, [PUSH]),
         "LinearisedLaws": (
             lambda *laws: _core.LinearisedLaws.of(variables, *laws),
             [CLOSED, STICKS, ROWS],
@@ -397,6 +418,8 @@ def test_every_function_of_the_core_is_called() -> None:
         "largest_friction_ratio",
         "largest_reaction",
         "least_work",
+        "Decision",
+        "LimitLoad",
         "NewtonStep",
         "ProvedBound",
         "ReducedSolution",

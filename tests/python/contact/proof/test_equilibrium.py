@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 import bipot_rs as bp
 from bipot_rs.contact.proof.equilibrium import statics_of_rows
+from support.bricks import lay_bricks
 from support.heaps import Heap, is_carried, make_heap
 from support.masonry import LIMITS, wall
 from support.rational import excludes_balance
@@ -249,3 +250,104 @@ def test_a_free_displacement_that_is_not_rigid_counts() -> None:
 def test_others_exist_where_reactions_are_not_determined() -> None:
     load = np.array([0.1, 0, -1.0, 0, -0.1, 0])
     assert block(load, 0.5).solve().unique == "others exist"
+
+
+def towers(count: int, height: int, side: float) -> bp.ReducedProblem:
+    """Towers of square blocks of side and weight 1, each pushed to the side at its foot."""
+    entries: list[tuple[int, int, float]] = []
+    e = np.zeros((count * height, 3))
+    e[:, 0] = -1.0
+    e[::height, 1] = side
+    for block in range(count * height):
+        for corner, x in enumerate((-0.5, 0.5)):
+            row = 4 * block + 2 * corner
+            # The lower face of this block, and the upper one of the block below.
+            lower = [] if block % height == 0 else [(block - 1, -1.0, 0.5)]
+            for body, sign, y in ((block, 1.0, -0.5), *lower):
+                entries += [(row, 3 * body, sign), (row, 3 * body + 2, sign * x)]
+                entries += [
+                    (row + 1, 3 * body + 1, sign),
+                    (row + 1, 3 * body + 2, -sign * y),
+                ]
+    rows, columns, values = zip(*entries, strict=True)
+    R = csr_array((values, (rows, columns)), (4 * count * height, 3 * count * height))
+    nothing = csr_array((R.shape[0], R.shape[0]))
+    q = np.zeros((R.shape[0] // 2, 2))
+    return bp.ReducedProblem(nothing, q, 0.5, rigid=(R, e.ravel()))
+
+
+def test_many_blocks_need_no_dense_R() -> None:
+    # 1,600 rows and 1,200 motions. The push of a foot acts at its centre, so that the foot
+    # turns at 0.5 times the weight of the tower, and slides there too.
+    for side, outcome in ((9.0, "converged"), (11.0, "no_equilibrium")):
+        problem = towers(20, 20, side)
+        solution = problem.solve()
+        assert str(solution.outcome) == outcome
+        assert "_problem" not in vars(problem)
+        if outcome == "converged":
+            assert problem.residual(solution.reaction) <= 1e-10
+            assert solution.unique == "others exist"
+            assert not solution.relative_displacement.any()
+    # The same residual as with a dense R.
+    small = towers(2, 3, 1.0)
+    assert small.rigid is not None
+    R, e = small.rigid
+    r = np.random.default_rng(0).normal(size=small.q.shape)
+    r[:, 0] = 3 * np.abs(r[:, 1])
+    statics = statics_of_rows(
+        R, np.full(len(r), 2), np.tile([0, 0.5], len(r)), 0 * r[:, 0]
+    )
+    sparse = statics.measure_imbalance(r.ravel(), e)
+    assert sparse == pytest.approx(small.residual(r, np.zeros(len(e))), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("shape", "side", "verdict"),
+    [
+        ((2, 2, 2), 0.1, "balanced"),
+        ((2, 2, 2), 0.7, "none"),
+        pytest.param((5, 5, 6), 0.1, "balanced", marks=pytest.mark.slow),
+        pytest.param((5, 5, 6), 0.6, "none", marks=pytest.mark.slow),
+        pytest.param((10, 10, 12), 0.1, "balanced", marks=pytest.mark.slow),
+        pytest.param((10, 10, 12), 0.6, "none", marks=pytest.mark.slow),
+    ],
+)
+def test_bricks_in_space(
+    shape: tuple[int, int, int], side: float, verdict: str
+) -> None:
+    """Friction is 0.5: a load of 0.1 to the side is carried, of 0.6 it is not."""
+    bricks = lay_bricks(shape, 1, side)
+    nothing = csr_array((3 * bricks.contacts, 3 * bricks.contacts))
+    problem = bp.ReducedProblem(
+        nothing, np.zeros((bricks.contacts, 3)), 0.5, rigid=bricks[:2]
+    )
+    found = problem.equilibrium()
+    assert found.verdict == verdict
+    if found.reaction is not None:
+        assert problem.residual(found.reaction, np.zeros(len(bricks.e))) <= 1e-10
+    else:
+        assert found.motion is not None
+        if bricks.contacts < 2000:
+            # Rational arithmetic of more takes minutes.
+            R = bricks.R.toarray()
+            assert excludes_balance(R, bricks.e, 0.5, found.motion, 3)
+        assert np.isinf(found.excluded)
+    solution = problem.solve()
+    assert solution.converged == (verdict == "balanced")
+
+
+@pytest.mark.slow
+def test_ranges_of_bricks_in_space() -> None:
+    """Without a null space: the pressure of one corner, and a bound of its error."""
+    bricks = lay_bricks((5, 5, 6), 1, 0.1)
+    nothing = csr_array((3 * bricks.contacts, 3 * bricks.contacts))
+    problem = bp.ReducedProblem(
+        nothing, np.zeros((bricks.contacts, 3)), 0.5, rigid=bricks[:2]
+    )
+    interval = problem.reaction_range(0)
+    assert interval.least == pytest.approx(0, abs=1e-8)
+    assert interval.largest > interval.found > 0
+    assert interval.gap <= 1e-7 * interval.largest
+    for reaction in (interval.reaction_at_least, interval.reaction_at_largest):
+        # Programmes in space end at 1e-10.
+        assert problem.residual(reaction, np.zeros(len(bricks.e))) <= 1e-8

@@ -307,7 +307,7 @@ def test_threads_change_no_bit() -> None:
     problem = bp.ReducedProblem((W + W.T) / 2, q, 0.05)
     point = problem.solve(tol=1e-4).reaction
     on_one_thread, two = (
-        problem._core.error_bounds(point, 1, np.empty(0), None, threads)[0]
+        problem._problem.error_bounds(point, 1, np.empty(0), None, threads)[0]
         for threads in (1, 2)
     )
     assert on_one_thread.kind == "global"
