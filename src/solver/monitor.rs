@@ -320,11 +320,11 @@ fn within_cones<const D: usize>(
     let scaling = &problem.scaling;
     let open = |i: usize| {
         let rho = scaling.to_v[i] / scaling.to_r[i];
-        r[i][0] != 0.0
-            && problem.law[i].cohesion > 0.0
+        problem.law[i].cohesion > 0.0
             && law_step(&r[i], &v[i], rho, problem.law[i]).1 == Status::Open
     };
-    if !r.iter().zip(&problem.law).any(outside) && !(0..r.len()).any(open) {
+    let pressed = |i: usize| r[i][0] != 0.0 && open(i);
+    if !r.iter().zip(&problem.law).any(outside) && !(0..r.len()).any(pressed) {
         return None;
     }
     let inside = |(i, pair): (usize, (&[f64; D], &ContactLaw))| {

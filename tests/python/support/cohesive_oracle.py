@@ -34,7 +34,8 @@ def violation(r: Array, v: Array, law: Law, force: float, length: float) -> floa
             (shear - limit).max() / force,
             (-opening).max() / length,
             np.abs(r[:, 0] * opening).max() / force / length,
-            np.abs(work).max() / force / length,
+            # Of a contact that sticks, slip that is rounding works against all of its limit.
+            (np.abs(work) / np.maximum(force, limit)).max() / length,
         )
     )
 

@@ -181,6 +181,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     settings = [*limits, None, None, 1]
     return {
         "project": (within_law(_core.project, 1), [GAP, MU, None]),
+        "respond_points": (_core.respond_points, [GAP, np.ones((2, 7))]),
         "Condensed": (
             within_law(lambda *a: _core.Condensed(*a, 1).compliance(), 3),
             [EYE, EYE, GAP, MU, np.zeros(0, np.int64)],

@@ -225,6 +225,20 @@ def test_methods_solve_the_law(method: str, d: int) -> None:
             assert (open_ones == (solution.reaction[:, 0] == 0)).all()
 
 
+def test_an_open_contact_has_no_pressure() -> None:
+    """Not even the rest of an iteration: what opens by it loses its cohesion in a path."""
+    for seed in range(40):
+        rng = np.random.default_rng([49, seed])
+        W, q, law = draw(rng, 8, 3)
+        q[:, 0] += 1.0
+        law = law._replace(c=law.c + 0.01)
+        solution = make(W, q, law).solve()
+        assert solution.converged
+        np.testing.assert_array_equal(
+            solution.status == OPEN, solution.reaction[:, 0] == 0
+        )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("kind", ["plain", "strong", "singular", "extreme"])
