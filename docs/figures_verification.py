@@ -97,8 +97,8 @@ def draw_faults(slips, tractions):
     """The fault of the reservoir: slips without friction, tractions when held."""
     reservoir = faults.reservoir
     fine = np.linspace(-280, 280, 2000)
-    sliding = faults.fault(8, 0.0, reservoir.smooth)
-    held = faults.fault(8, 1.0, reservoir.depletion)
+    sliding = faults.fault(8, 0, 0, reservoir.smooth)
+    held = faults.fault(8, 1, reservoir.COHESION, reservoir.depletion)
     slips.plot(reservoir.exact_slip(fine), fine, color="k", lw=1, label="exact")
     slips.plot(sliding.slip, sliding.z, "o", ms=3.5, color="#0072B2", label="h = a/8")
     slips.set(xlabel="slip of the right side, upwards [m]", ylabel="z [m]")

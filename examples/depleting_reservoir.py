@@ -28,7 +28,7 @@ from bipot_rs import fem
 YOUNG, NU = 14.95e9, 0.15  # Pa
 ALPHA, FALL = 0.9, -25e6  # Biot's coefficient, change of the pore pressure [Pa]
 A, B, FAR = 75.0, 150.0, 300.0  # m
-INITIAL = 50e6  # Pa, horizontal compression before the depletion
+INITIAL, COHESION = 30e6, 5e6  # Pa; horizontal compression before the depletion
 LAME, SHEAR = YOUNG * NU / (1 + NU) / (1 - 2 * NU), YOUNG / (2 * (1 + NU))
 SHRINK = ALPHA * FALL / (LAME + 2 * SHEAR)  # e
 SCALE = (1 - 2 * NU) * ALPHA * FALL / (2 * math.pi * (1 - NU))  # C
@@ -100,7 +100,7 @@ class Fault(NamedTuple):
     result: Any
 
 
-def solve(cells, mu, far):
+def solve(cells, mu, cohesion, far):
     """Rock with ``cells`` on each 75 m; ``far`` is the exact displacement of the depletion."""
     half = np.linspace(0, FAR, round(FAR / A) * cells + 1)
     height = np.unique(np.append(-half, half))
@@ -112,7 +112,9 @@ def solve(cells, mu, far):
     # Both sides of the ends are held: a traction there means nothing.
     inner = {1: (height[1], height[-2])}
     opposite = ("left", "right")
-    fault = fem.Contact("right", "left", mu, against=opposite, within=inner)
+    fault = fem.Contact(
+        "right", "left", mu, against=opposite, within=inner, cohesion=cohesion
+    )
     sides = [("left", "left"), ("right", "right")]
     sides += [(body, side) for body in LAYERS for side in ("bottom", "top")]
     model = fem.assemble(
@@ -160,7 +162,7 @@ def main():
     print("      without friction                       held")
     print("cells  largest slip [m]  errors: slip pressure  middle [MPa]  error: shear")
     for cells in (4, 8, 16):
-        sliding, held = solve(cells, 0.0, smooth), solve(cells, 1.0, depletion)
+        sliding, held = solve(cells, 0, 0, smooth), solve(cells, 1, COHESION, depletion)
         assert (held.result.status[-1] == bp.Status.STICK).all()
         slip = error(sliding.z, sliding.slip, exact_slip)
         pressure = error(sliding.z, sliding.traction[:, 0], exact_pressure)

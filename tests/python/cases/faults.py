@@ -71,8 +71,8 @@ def a16(fine: bool = False) -> list[Refinement]:
     """
     cells = [4, 8, 16, 32] if fine else [4, 8]
     sizes = [1 / n for n in cells]
-    sliding = [fault(n, 0.0, reservoir.smooth) for n in cells]
-    held = [fault(n, 1.0, reservoir.depletion) for n in cells]
+    sliding = [fault(n, 0, 0, reservoir.smooth) for n in cells]
+    held = [fault(n, 1, reservoir.COHESION, reservoir.depletion) for n in cells]
 
     def errors(
         faults: list[Any], field: str, component: int, wanted: Any

@@ -10,8 +10,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+import bipot_rs as bp
 from cases import faults
 
 crack, reservoir = faults.inclined_crack, faults.reservoir
@@ -176,3 +178,19 @@ def test_slip_of_the_fault_without_friction() -> None:
     off = np.array([[40.0, 20], [-90, 100], [60, 190]])
     residual = imbalance(reservoir.dislocations, off, 0.1, MODULI)
     assert np.abs(residual).max() < 1e-6 * abs(LOST)
+
+
+def test_cohesion_holds_the_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With an initial compression of 22 MPa, all between -a and a slips without it."""
+    monkeypatch.setattr(reservoir, "INITIAL", 22e6)
+    held = reservoir.solve(4, 1, reservoir.COHESION, reservoir.depletion)
+    loose = reservoir.solve(4, 1, 0, reservoir.depletion)
+    assert (held.result.status[-1] == bp.Status.STICK).all()
+    assert not held.result.broken.any()
+    # Neither more nor less shear than that of an intact fault.
+    stronger = reservoir.solve(4, 1, 1e3 * reservoir.COHESION, reservoir.depletion)
+    np.testing.assert_allclose(
+        held.traction, stronger.traction, rtol=0, atol=1e-8 * 22e6
+    )
+    inside = np.abs(loose.z) <= reservoir.A
+    assert (loose.slip[inside] < -0.02).all()  # m, downwards
