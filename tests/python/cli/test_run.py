@@ -378,17 +378,3 @@ def test_fclib_files_are_listed_in_the_output(tmp_path: Path) -> None:
     short = ("run", "cyclic_cube", "--set=mesh.n=2", "--set=path.steps=4", "--fclib")
     last = bipot(*short, cwd=tmp_path).stdout.splitlines()[-1]
     assert "problem-0000.hdf5, …, problem-0003.hdf5, result.h5" in last
-
-
-def test_read_only_folder(tmp_path: Path) -> None:
-    closed = tmp_path / "closed"
-    closed.mkdir()
-    (closed / "result.h5").mkdir()
-    run = bipot(
-        *("run", "sheared_cube", "--set=mesh.n=2", "--out", str(closed), "--json"),
-        cwd=tmp_path,
-        status=2,
-    )
-    assert lines(run.stdout)[-1]["success"] is False
-    # No draft is left.
-    assert [path.name for path in closed.iterdir()] == ["result.h5"]

@@ -101,20 +101,6 @@ def test_check_ends_before_the_factorisation(monkeypatch: pytest.MonkeyPatch) ->
     assert ended == [1]
 
 
-def test_check_reports_all_mistakes(bipot: Any) -> None:
-    settings = ("--set", "mesh.m=3", "--set", "contact.0.mu=-1")
-    status, out, err = bipot("check", "sheared_cube", *settings)
-    assert (status, out) == (2, "")
-    assert "2 mistakes" in err
-    assert "mesh.m: unknown key" in err
-    assert "contact.0.mu: should be greater than or equal to 0" in err
-    status, out, err = bipot("check", "sheared_cube", *settings, "--json")
-    assert (status, err) == (2, "")
-    report = json.loads(out)
-    assert (report["command"], report["ok"]) == ("check", False)
-    assert "contact.0.mu" in report["message"]
-
-
 @pytest.mark.parametrize(
     ("settings", "remark"),
     [

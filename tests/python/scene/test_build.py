@@ -13,6 +13,7 @@ from bipot_rs.discretisation import Estimator
 from bipot_rs.mesh.elements import KINDS
 from bipot_rs.scene.histories import Histories
 from support import places
+from support.body_models import blocks
 from support.children import bipot, bipot_with
 from support.comparisons import bits, content
 from support.faulty_scenes import PARTS
@@ -61,7 +62,9 @@ def mortar() -> bp.Model:
     return m
 
 
-@pytest.mark.parametrize("made", [roller, of_file, mortar], ids=lambda f: f.__name__)
+@pytest.mark.parametrize(
+    "made", [roller, of_file, mortar, blocks], ids=lambda f: f.__name__
+)
 @pytest.mark.slow_variants("roller")
 def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
     m = made()

@@ -15,32 +15,8 @@ import bipot_rs as bp
 from bipot_rs import scene
 from bipot_rs.scene import builder
 from bipot_rs.scene.schema.root import Scene
+from support.body_models import blocks
 from support.children import bipot
-from support.models_and_arrays import datasets, of_arrays, of_models
-
-
-def blocks(n: int = 3, **path: Any) -> bp.Model:
-    """A stiff block on a soft one, with every type of value that Python allows."""
-    m = bp.Model("Round on flat", units=("mm", "N", "MPa"), n=n)
-    m.material("steel", young=210e3, poisson=np.float64(0.3))
-    m.material("polymer", young=2100, poisson=0.4)
-    x = np.linspace(-2.0, 2.0, 2 * n + 1)
-    down = {"from": 0.0, "to": -2.0, "cells": "n"}
-    m.body("upper", material="steel", cell="quadrilateral", x=x, y=(0, 0.5, 2))
-    m.body("lower", material="polymer", cell="quadrilateral", x=x.tolist(), y=down)
-    m.support("lower.bottom", x=0, y=0)
-    m.support("upper.top", x=m.times(0.004, "shear"), y=-0.02)
-    m.pressure("upper.right", m.times(5.0, "shear"))
-    m.body_force("lower", y=-0.1)
-    m.contact(
-        "upper.bottom",
-        against="lower.top",
-        mu=0.3,
-        clearance={"radius": 100},
-        within={"x": (-2, 1.5)},
-    )
-    m.path(parameter="shear", **({"shear": [0.0, 1.0]} | path))
-    return m
 
 
 def test_units_of_a_model_are_those_of_its_result(tmp_path: Path) -> None:
@@ -48,36 +24,6 @@ def test_units_of_a_model_are_those_of_its_result(tmp_path: Path) -> None:
     assert result.units == {"length": "mm", "force": "N", "stress": "MPa"}
     result.save(tmp_path / "units.h5")
     assert bp.load(tmp_path / "units.h5").units == result.units
-
-
-def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
-    m = blocks()
-    m.to_toml(tmp_path / "blocks.toml")
-    run = bipot("run", "blocks.toml", "--out", "here", cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    by_toml = datasets(tmp_path / "here" / "result.h5")
-    assert len(by_toml) >= 6 + 2 * 8
-    units = {"length": "mm", "force": "N", "stress": "MPa"}
-    assert bp.load(tmp_path / "here" / "result.h5").units == units
-
-    result = m.solve()
-    assert result.displacement.any()  # # stores the displacement
-    result.save(tmp_path / "python.h5")
-    by_python = datasets(tmp_path / "python.h5")
-
-    case = m.assemble()
-    model = case.model
-    problem = of_arrays(model)
-    raw = problem.solve(case.load, case.prescribed, tol=1e-12)
-    assert raw.displacement.any()
-    raw.save(tmp_path / "arrays.h5")
-    by_arrays = datasets(tmp_path / "arrays.h5")
-    # Problems from arrays have no path parameter; they count load steps.
-    assert by_toml["steps/0001/load"] != by_arrays["steps/0001/load"]
-    for name, content in by_toml.items():
-        assert by_python[name] == content, name
-        if not of_models(name):
-            assert by_arrays[name] == content, name
 
 
 def test_automatic_steps_from_toml_and_python_are_equal(tmp_path: Path) -> None:

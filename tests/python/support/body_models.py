@@ -1,5 +1,9 @@
 """Models of one body, held and loaded in different ways, that every engine can solve."""
 
+from typing import Any
+
+import numpy as np
+
 import bipot_rs as bp
 from support.pressed_in_space import pressed
 from support.rollers import block
@@ -68,4 +72,28 @@ def sliding_freely() -> bp.Model:
     m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
     m.contact("block.top", against="table", mu=0.0)
     m.path(press=[0.5, 1.0])
+    return m
+
+
+def blocks(n: int = 3, **path: Any) -> bp.Model:
+    """A stiff block on a soft one, with every type of value that Python allows."""
+    m = bp.Model("Round on flat", units=("mm", "N", "MPa"), n=n)
+    m.material("steel", young=210e3, poisson=np.float64(0.3))
+    m.material("polymer", young=2100, poisson=0.4)
+    x = np.linspace(-2.0, 2.0, 2 * n + 1)
+    down = {"from": 0.0, "to": -2.0, "cells": "n"}
+    m.body("upper", material="steel", cell="quadrilateral", x=x, y=(0, 0.5, 2))
+    m.body("lower", material="polymer", cell="quadrilateral", x=x.tolist(), y=down)
+    m.support("lower.bottom", x=0, y=0)
+    m.support("upper.top", x=m.times(0.004, "shear"), y=-0.02)
+    m.pressure("upper.right", m.times(5.0, "shear"))
+    m.body_force("lower", y=-0.1)
+    m.contact(
+        "upper.bottom",
+        against="lower.top",
+        mu=0.3,
+        clearance={"radius": 100},
+        within={"x": (-2, 1.5)},
+    )
+    m.path(parameter="shear", **({"shear": [0.0, 1.0]} | path))
     return m
