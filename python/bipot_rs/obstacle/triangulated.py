@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,8 +68,6 @@ class Surface:
     def __init__(
         self, points: ArrayLike, facets: ArrayLike, *, flipped: bool = False
     ) -> None:
-        from scipy.spatial import cKDTree
-
         x = vectors("points of the surface", points, rows="m")
         d = x.shape[1]
         corners = integers("facets of the surface", facets)
@@ -89,7 +88,7 @@ class Surface:
         self._size = float(np.ptp(x[np.unique(corners)], axis=0).max())
         self._neighbours()
         self._tree = FacetTree(x[self._corners], self._normal)
-        self._centres = cKDTree(x[self._corners].mean(axis=1))
+        self._levels = _levels(x[self._corners])
 
     @classmethod
     def from_file(
@@ -266,9 +265,10 @@ class Surface:
             foot[to], facet[to], part[to] = y[leads], c[leads], where[leads]
             best[to] = far[leads]
 
-        # The facet with the nearest centre gives an upper bound.
-        _, nearest = self._centres.query(x)
-        compare(np.arange(len(x)), nearest)
+        # The facet with the nearest centre, of each size, gives an upper bound.
+        for members, tree in self._levels:
+            _, nearest = tree.query(x)
+            compare(np.arange(len(x)), members[nearest])
         for point, candidate in self._tree.nearer(x, best):
             if point.size:
                 compare(point, candidate)
@@ -452,6 +452,20 @@ def _once(facets: Ints) -> Ints:
         turned if facets.shape[1] == 3 else facets, axis=0, return_index=True
     )
     return facets[np.sort(kept)]
+
+
+def _levels(x: Floats) -> list[tuple[Ints, Any]]:
+    """Facets grouped by size in factors of two: members, and a ``cKDTree`` of their centres.
+
+    The bound of a single tree would be that of a small facet where a large one is nearer.
+    """
+    from scipy.spatial import cKDTree
+
+    middle = x.mean(axis=1)
+    reach = length(x - middle[:, None]).max(axis=1)
+    size = np.floor(np.log2(reach / reach.max())).astype(np.int64)
+    groups = (np.flatnonzero(size == level) for level in np.unique(size))
+    return [(members, cKDTree(middle[members])) for members in groups]
 
 
 def _closest_on(x: Floats, corners: Floats) -> tuple[Floats, Ints]:
