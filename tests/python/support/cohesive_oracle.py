@@ -82,12 +82,9 @@ def find_angles(W: Array, q: Array, law: Law, closed: bool) -> list[Array]:
         across = np.array([-t[1], t[0]])
         # r = (r_n, -(c + mu r_n) t), v = (beta s, s t): two equations of r_n and s.
         pushed, fixed = W @ [1.0, *(-mu * t)], W @ [0.0, *(-c * t)] + q[0]
-        along = np.array([[pushed[0], -beta], [t @ pushed[1:], -1.0]])
-        r_n = (
-            float(np.linalg.solve(along, [-fixed[0], -t @ fixed[1:]])[0])
-            if closed
-            else 0.0
-        )
+        # Cramer's rule; at a pole of r_n nothing passes for a solution.
+        det = beta * (t @ pushed[1:]) - pushed[0]
+        r_n = (fixed[0] - beta * (t @ fixed[1:])) / (det or np.nan) if closed else 0.0
         r = np.array([r_n, *(-(c + mu * r_n) * t)])
         return float(across @ (W @ r + q[0])[1:]), r
 
