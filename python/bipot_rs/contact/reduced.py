@@ -31,6 +31,7 @@ from bipot_rs.contact.errors import (
     NotConvergedError,
 )
 from bipot_rs.contact.law.contact_law import ContactLaw
+from bipot_rs.contact.law.projection import project
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.results import summary
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.sensitivity.reduced import ReducedModel
 
 # Iterations of each solve of a search for the largest multiplier.
-_CLIMB = 3000
+_CLIMB = 300
 # With more entries, a dense R is made only for what needs it.
 _DENSE_MOTIONS = 1_000_000
 # A residual that most problems reach; the limit is rounding if that is larger.
@@ -248,6 +249,12 @@ class ReducedProblem:
         rigid = None if a is None else floats("a", a, shape=(self._motions,))
         if rigid is None and self._motions:
             self.law.require_coulomb("residual without a")
+        if self._is_statics and self.rigid is not None and not np.any(rigid):
+            # Nothing moves: the law asks for reactions in their cones.
+            inside = project(reaction, self.mu, cohesion=self.law.cohesion)[0]
+            size = float(np.linalg.norm(reaction)) or 1.0
+            balance = self._statics.measure_imbalance(reaction.ravel(), self.rigid[1])
+            return max(float(np.linalg.norm(reaction - inside)) / size, balance)
         return self._problem.residual(reaction, rigid)
 
     def error_bound(self, r: ArrayLike) -> ErrorBound:
@@ -327,7 +334,8 @@ class ReducedProblem:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
             num_threads = threads(num_threads)
-        if start is None and self._is_statics and self.rigid is not None:
+        asked = method == "auto" and start is None and self._is_statics
+        if asked and self.rigid is not None:
             at_rest = self._statics.solve_at_rest
             core = at_rest(self.rigid[1], tol, chosen.max_seconds, self.q.shape[1])
         else:
@@ -544,9 +552,8 @@ class ReducedProblem:
                 cohesion=self.law.cohesion,
                 dilatancy=self.law.dilatancy,
             )
-            trials = (start, None) if start is not None else (None,)
-            solutions = (loaded.solve(max_iterations=_CLIMB, start=s) for s in trials)
-            return next((s for s in solutions if s.converged), None)
+            solution = loaded.solve(max_iterations=_CLIMB, start=start)
+            return solution if solution.converged else None
 
         return read_limit(
             self._statics.find_limit(dead, live),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Solve = Callable[[float, "Solution | None"], "Solution | None"]
 Verdict = Literal["balanced", "none", "undecided"]
 # Solves of a search for the largest multiplier.
-_STEPS = 24
+_STEPS = 16
 # A smaller margin, relative to the mean load, is rounding.
 _SURE = 1e-9
 
@@ -192,18 +192,20 @@ def _climb(solve: Solve, upper: float) -> tuple[float | None, Floats | None]:
 
     Each solution is the start of the next.
     """
-    best, low = solve(0.0, None), 0.0
+    best, low, high = solve(0.0, None), 0.0, upper
     if best is None:
         return None, None
-    step = upper if np.isfinite(upper) else 1.0
+    # Far steps lose the answer, of which each is the start of the next.
+    step = upper / 4 if np.isfinite(upper) else 1.0
     for _ in range(_STEPS):
-        multiplier = min(low + step, upper)
+        multiplier = min(low + step, high)
         solution = solve(multiplier, best)
         if solution is None:
-            step /= 2
-            continue
-        best, low = solution, multiplier
-        if low >= upper:
-            break
-        step *= 1 if np.isfinite(upper) else 2
+            high = multiplier
+            step = (high - low) / 2
+        elif multiplier >= upper:
+            return multiplier, solution.reaction
+        else:
+            best, low = solution, multiplier
+            step *= 1 if np.isfinite(high) else 2
     return low, best.reaction

@@ -351,3 +351,19 @@ def test_ranges_of_bricks_in_space() -> None:
     for reaction in (interval.reaction_at_least, interval.reaction_at_largest):
         # Programmes in space end at 1e-10.
         assert problem.residual(reaction, np.zeros(len(bricks.e))) <= 1e-8
+
+
+@pytest.mark.parametrize("softness", [1e-3, 1.0, 1e3])
+def test_a_block_on_springs_is_pushed_to_its_limit(softness: float) -> None:
+    # Two corners with equal springs: the friction of both is 0.5 of a weight of 1, however
+    # the weight is shared.
+    R = np.array([[1.0, 0, -1], [0, 1, 1], [1, 0, 1], [0, 1, 1]])
+    dead, live = np.array([-1.0, 0, 0]), np.array([0.0, 1, 0])
+    W, q = softness * np.eye(4), np.zeros((2, 2))
+    limit = bp.ReducedProblem(W, q, 0.5, rigid=(R, dead)).limit_multiplier(dead, live)
+    assert limit.upper == pytest.approx(0.5, rel=1e-9)
+    assert limit.reached is not None
+    assert 0.5 * (1 - 1e-3) <= limit.reached <= limit.upper
+    assert limit.reaction is not None
+    loaded = bp.ReducedProblem(W, q, 0.5, rigid=(R, dead + limit.reached * live))
+    assert loaded.residual(limit.reaction) <= 1e-9
