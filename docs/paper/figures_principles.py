@@ -10,8 +10,14 @@ import numpy as np
 
 import bipot_rs as bp
 from bipot_rs.theory.explicit import explicit_path
-from bipot_rs.theory.functionals import Functionals
-from bipot_rs.theory.inelastic import HardeningBars, Truss
+from bipot_rs.theory.functionals import Functionals, measure_bifunctional, of_problem
+from bipot_rs.theory.points import PlasticPoints
+from bipot_rs.theory.structure import Contacts, Structure
+from bipot_rs.theory.structure_state import (
+    StepNotConvergedError,
+    StructureState,
+    StructureStep,
+)
 
 mpl.use("agg")
 mpl.rcParams["svg.hashsalt"] = "bipot"  # the same file from the same numbers
@@ -35,36 +41,78 @@ def one_contact() -> tuple[bp.ContactProblem, Any, Any]:
     return problem, K, np.array([-1.0, 1.2])
 
 
-def truss() -> Truss:
-    """Five bars that yield, two feet with friction, two tops on springs to a wall."""
+def truss(*, contacts: bool = True) -> tuple[Structure, Any]:
+    """Five bars that yield, two feet with friction, two tops on springs; and the load."""
     points = np.array([[0.0, 0.0], [1.0, 0.0], [0.1, 1.0], [1.1, 1.0]])
-    rows = []
-    for a, b in [(0, 2), (1, 3), (2, 3), (0, 3), (1, 2)]:
+    C = np.zeros((5, 4, 2))
+    for row, (a, b) in zip(C, [(0, 2), (1, 3), (2, 3), (0, 3), (1, 2)], strict=True):
         way = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
-        row = np.zeros((4, 2))
         row[b], row[a] = way, -way
-        rows.append(row.ravel())
-    k = np.array([1.0, 1.2, 0.8, 1.5, 0.9, 0.2, 0.2, 0.2, 0.2])
-    limit = np.array([0.3, 0.3, 0.3, 0.2, 0.3, *[np.inf] * 4])
+    C = C.reshape(5, 8)
+    k, limit = np.array([1.0, 1.2, 0.8, 1.5, 0.9]), np.array([0.3, 0.3, 0.3, 0.2, 0.3])
+    # Hardening of 0.3 k: an elastic bar beside a perfectly plastic one.
+    springs = np.diag([0.0] * 4 + [0.2] * 4)
+    elastic = C.T * (0.3 / 1.3 * k) @ C + springs
+    strain = np.zeros((10, 8))
+    strain[1::2] = C
+    bars = PlasticPoints(
+        strain,
+        np.ones(5),
+        np.outer(k / 1.3, [1.0, 1.0]),
+        cohesion=limit / 1.3,
+        apex=1.0,
+    )
     B = np.zeros((4, 8))
     B[0, 1] = B[2, 3] = B[1, 0] = B[3, 2] = 1.0
+    feet = Contacts(B, np.zeros(2), [0.4, 0.5]) if contacts else None
     load = np.array([0, 0, 0, 0, 1.5, -1.2, 1.3, -0.9])
-    bars = HardeningBars(k, 0.3 * k, limit, np.zeros(9))
-    return Truss(
-        bars,
-        np.vstack([*rows, np.eye(8)[4:]]),
-        B,
-        load,
-        gap=np.zeros((2, 2)),
-        mu=[0.4, 0.5],
+    return Structure([elastic], [bars], feet), load
+
+
+def pass_of_truss(passes: int) -> StructureStep:
+    """The iterate after so many passes of (37), (38)."""
+    structure, load = truss()
+    try:
+        return structure.solve(
+            load, method="displacements", tol=1e-14, max_iterations=passes
+        )[0]
+    except StepNotConvergedError as error:
+        return error.last
+
+
+def balanced_bifunctional(u: Any, r: Any) -> float:
+    """B at ``u`` and at the stresses in equilibrium with the reactions ``r``."""
+    structure, load = truss()
+    free, _ = truss(contacts=False)
+    (step,) = free.solve(load + structure.matrix.T @ r.ravel(), tol=1e-12)
+    (group,) = structure.points
+    flow = group.respond(group.strains(u), group.rest).flow
+    end = StructureState(
+        displacement=u,
+        reaction=r,
+        stress=step.stress,
+        plastic_strain=(group.to_strain_tensors(flow),),
+        gap=structure.gap,
     )
+    return measure_bifunctional(structure, structure.at_rest(), end, load)
+
+
+def follow_truss(count: int = 24) -> Any:
+    """B of each pass, of the new u with the reactions before, and with its own."""
+    before, rows = np.zeros((2, 2)), []
+    for passes in range(1, count + 1):
+        step = pass_of_truss(passes)
+        u, after = step.displacement, step.reaction
+        rows.append([balanced_bifunctional(u, r) for r in (before, after)])
+        before = after
+    return np.array(rows)
 
 
 def principles() -> None:
     """Chapter 3: B around a solution, and along the displacement method."""
     problem, K, load = one_contact()
     step = problem.solve(load, tol=1e-14)[0]
-    f = Functionals(problem, K, load)
+    f = Functionals(of_problem(problem, K), load)
     figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.6))
     slips = np.linspace(-0.5, 2.0, 121)
     presses = np.linspace(0.3, 2.2, 111)
@@ -86,7 +134,7 @@ def principles() -> None:
     left.set_xlabel("slip $u_t$")
     left.set_ylabel("pressure $r_n$, with $r_t = -\\mu r_n$")
     left.set_title("$B(u, r)$ about a solution, where $B = 0$", fontsize=10)
-    history = truss().solve().bifunctional
+    history = follow_truss()
     passes = np.arange(1, len(history) + 1)
     floor = 1e-16
     right.semilogy(
@@ -119,7 +167,7 @@ def existence() -> None:
     least, solved = [], []
     for pull in pulls:
         load = [-1.0, pull]
-        f = Functionals(problem, K, load)
+        f = Functionals(of_problem(problem, K), load)
         # All reactions in balance have r_t = -F; the least is at the edge or at the spring.
         press = max(pull / mu, 1.0)
         least.append(f.bifunctional([0.0, 0.0], [[press, -pull]]))

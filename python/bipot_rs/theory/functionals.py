@@ -1,25 +1,32 @@
 """Discrete energies, functionals and bifunctional of one load step: [dSF91, 23-30, 67-72].
 
 A displacement is the vector of all degrees of freedom; it is admissible if it has the
-prescribed values. A stress field is given by the contact reactions with which it is in
-equilibrium. The load contains body forces and tractions; there may be several bodies. All
-quantities are increments from a start state ``(t0, u0, h0)``. By default this is the
-unloaded state; increments are then totals.
+prescribed values. A stress field of the elastic bodies is given by the contact reactions, and
+by the stresses of the plastic points, with which it is in equilibrium. The load contains body
+forces and tractions; there may be several bodies. All quantities are increments from a start
+state ``(t0, u0, h0)``. By default this is the unloaded state; increments are then totals.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-import bipot_rs._core as _core
 from bipot_rs._lib.messages import make_type_error
-from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
-from bipot_rs._lib.validation import csr, floats, integer, number
+from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike
+from bipot_rs._lib.validation import floats, integer, number
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
+from bipot_rs.theory.structure import Contacts, Structure
+from bipot_rs.theory.structure_state import StructureState
+
+# Of each of the soils: flow, stress at the end and stress at the start, as of `points`.
+SoilFields: TypeAlias = Sequence[tuple[Floats, Floats, Floats]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,20 +54,19 @@ class StepStart:
 
 
 class Functionals:
-    """The functionals of one load step of a contact problem.
+    """The functionals of one load step of a structure.
 
     ``du (n,)`` and ``dr (n_c, d)`` are increments of displacement and contact reaction
-    from the start state; energies are in units of work. The relative displacement is
-    ``v = B du + offset``, the reaction ``r = t0 + dr``.
+    from the start state, ``soils`` are `SoilFields`; energies are in units of work. The
+    relative displacement is ``v = B du + offset``, the reaction ``r = t0 + dr``.
 
     Parameters
     ----------
-    problem
-        The contact problem. Its factor of ``K`` is used to solve for displacements.
-    K
-        Its stiffness, which a `ContactProblem` does not keep.
+    structure
+        Bodies, soils and contacts.
     load, prescribed
-        Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; default zero.
+        Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; default zero. The
+        weight of soils is part of the load.
     start
         State at the start of the step; default the unloaded bodies.
     slack
@@ -85,42 +91,34 @@ class Functionals:
 
     def __init__(
         self,
-        problem: ContactProblem,
-        K: MatrixLike,
+        structure: Structure,
         load: ArrayLike | None = None,
         prescribed: ArrayLike | None = None,
         *,
         start: StepStart | None = None,
         slack: float = 1e-9,
     ) -> None:
-        if not isinstance(problem, ContactProblem):
-            raise make_type_error("problem", problem, "a ContactProblem")
-        n, fixed = problem.loading.n, problem.stiffness.options.fixed
-        contacts, d = problem.contacts.shape
-        stiffness = csr("K", K)
-        if stiffness.shape != (n, n):
-            raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
-        self._problem = problem
-        self._core = problem.stiffness.core
-        self._stiffness = stiffness.matrix
-        self._contact = _matrix(problem)
-        self._fixed = fixed
-        self._by, self._mu = _core.isotropic(problem.contacts.law.mu, d)
-        self._shape = (contacts, d)
+        if not isinstance(structure, Structure):
+            raise make_type_error("structure", structure, "a Structure")
+        n, fixed, shape = structure.n, structure.fixed, structure.shape
+        self._structure, self._shape = structure, shape
+        self._stiffness, self._fixed = structure.K, fixed
+        self._contact = structure.matrix
+        self._by, self._mu = structure.by, structure.law.mu
         self._slack = number("slack", slack)
         force = np.zeros(n) if load is None else floats("load", load, shape=(n,))
         moved = np.zeros(len(fixed))
         if prescribed is not None:
             moved = floats("prescribed", prescribed, shape=moved.shape)
-        gap: Floats = problem.contacts.gap_by_component
+        gap = structure.gap
         # Relative displacements are differences of displacements, those of the start
         # included: these set the size of rounding.
         self._reach = np.abs(gap).max(initial=0.0)
         if start is None:
-            self._before = np.zeros((contacts, d))
+            self._before = np.zeros(shape)
             self.load, self.prescribed, self.offset = force, moved, gap.copy()
         else:
-            t0 = floats("reaction of start", start.reaction, shape=(contacts, d))
+            t0 = floats("reaction of start", start.reaction, shape=shape)
             u0 = floats("displacement of start", start.displacement, shape=(n,))
             self._before = t0
             self._reach += (abs(self._contact) @ np.abs(u0)).max(initial=0.0)
@@ -132,19 +130,40 @@ class Functionals:
             self.load = force - carried
             self.prescribed = moved - u0[fixed]
             if start.offset is None:
-                self.offset = np.zeros((contacts, d))
+                self.offset = np.zeros(shape)
                 self.offset[:, 0] = self._relative(u0)[:, 0] + gap[:, 0]
             else:
-                self.offset = floats(
-                    "offset of start", start.offset, shape=(contacts, d)
-                )
+                self.offset = floats("offset of start", start.offset, shape=shape)
         self.start_work = float(np.sum(self._before * self.offset))
+
+    @classmethod
+    def between(
+        cls,
+        structure: Structure,
+        start: StructureState,
+        end: StructureState,
+        load: ArrayLike,
+    ) -> Functionals:
+        """The functionals of a step between two states, with the load at its end."""
+        force = floats("load", load, shape=(structure.n,)) + structure.weight
+        u0, offset = start.displacement, end.gap.copy()
+        offset[:, 1:] -= start.gap[:, 1:]
+        moved = np.asarray(structure.matrix @ u0).reshape(structure.shape)
+        offset[:, 0] += moved[:, 0]
+        carried = structure.K @ u0
+        carried -= structure.matrix.T @ start.reaction.ravel()
+        for group, stress in zip(structure.points, start.stress, strict=True):
+            carried += group.forces(group.from_tensors(stress))
+        given = StepStart(
+            reaction=start.reaction, displacement=u0, load=carried, offset=offset
+        )
+        end_values = end.displacement[structure.fixed]
+        return cls(structure, force, end_values, start=given)
 
     @classmethod
     def of_step(
         cls,
-        problem: ContactProblem,
-        K: MatrixLike,
+        structure: Structure,
         result: Result,
         k: int = -1,
         *,
@@ -155,8 +174,8 @@ class Functionals:
 
         Parameters
         ----------
-        problem, K
-            The problem that was solved, and its stiffness.
+        structure
+            The elastic structure of the problem that was solved, see `of_problem`.
         result
             Result of ``problem.solve``. A result from a file has no loads and is refused.
         k
@@ -195,8 +214,8 @@ class Functionals:
                     reaction=before.reaction, displacement=u0, load=before.load
                 )
             else:
-                gap = problem.contacts.gap_by_component.copy()
-                moved = (_matrix(problem) @ u0).reshape(gap.shape)
+                gap = structure.gap.copy()
+                moved = (structure.matrix @ u0).reshape(gap.shape)
                 gap[:, 1:] = -moved[:, 1:]
                 start = StepStart(
                     reaction=np.zeros_like(before.reaction),
@@ -204,7 +223,7 @@ class Functionals:
                     load=np.zeros_like(u0),
                     offset=gap,
                 )
-        return cls(problem, K, step.load, step.prescribed, start=start, slack=slack)
+        return cls(structure, step.load, step.prescribed, start=start, slack=slack)
 
     def relative_displacement(self, du: ArrayLike) -> Floats:
         """``v = B du + offset``, ``(n_c, d)``: gap at the end and slip of the step."""
@@ -215,44 +234,84 @@ class Functionals:
         return self._energy(self._admissible(du))
 
     def elastic_answer(
-        self, dr: ArrayLike, at_supports: ArrayLike | None = None
+        self,
+        dr: ArrayLike,
+        at_supports: ArrayLike | None = None,
+        soils: SoilFields = (),
     ) -> Floats | None:
         """Elastic displacement ``w (n,)``: ``K w = load + Bᵀ dr`` at free degrees of freedom.
 
-        The stresses of ``w`` are statically admissible (20) with the reactions ``dr``. With
-        redundant supports there are several such fields; ``w`` at the prescribed degrees of
-        freedom selects one. By default these values are the prescribed ones, which minimise
-        [dSF91, 27]. Other values ``at_supports (len(fixed),)`` give other support forces.
+        The stresses of ``w`` are statically admissible (20) with the reactions ``dr`` and
+        the stresses of soils. With redundant supports there are several such fields; ``w`` at
+        the prescribed degrees of freedom selects one. By default these values are the
+        prescribed ones, which minimise [dSF91, 27]. Other values ``at_supports
+        (len(fixed),)`` give other support forces. Where no elastic body is, ``w`` is zero.
 
         ``None`` if loads and ``dr`` do not balance on a free rigid motion, ``Rᵀ r + e ≠ 0``.
-
-        Raises
-        ------
-        ValueError
-            A wrong argument; ``K`` is not the stiffness of the problem.
         """
         reaction = floats("dr", dr, shape=self._shape)
         ends = self.prescribed
         if at_supports is not None:
             ends = floats("at_supports", at_supports, shape=ends.shape)
-        _, modes, force = self._core.free_part(self.load, ends)
+        rest, bodies = self.load - self._find_forces(soils), self._bodies
+        w = np.zeros(len(rest))
+        if not len(bodies):
+            return w
+        core = self._elastic.stiffness.core
+        here = np.isin(self._fixed, bodies)
+        _, modes, force = core.free_part(rest[bodies], ends[here])
         if len(force):
             lack = np.abs(modes @ reaction.ravel() + force).max()
             # e has the rounding of the loads, even where the loads balance each other.
             carried = np.linalg.norm(self._contact.T @ reaction.ravel())
-            size = np.linalg.norm(self.load) + carried + np.linalg.norm(force)
+            size = np.linalg.norm(rest) + carried + np.linalg.norm(force)
             if lack > self._slack * size:
                 return None
         motion = np.zeros(len(force))
-        (w,) = self._core.displacements([(self.load, ends, reaction, motion)])
-        self._answers(w, reaction)
-        return np.asarray(w, np.float64)
+        (w[bodies],) = core.displacements(
+            [(rest[bodies], ends[here], reaction, motion)]
+        )
+        return w
+
+    @cached_property
+    def _bodies(self) -> Ints:
+        """Degrees of freedom of the elastic bodies: all that not points alone hold."""
+        alone = np.zeros(len(self.load), np.bool_)
+        for group in self._structure.points:
+            alone[group.strain.indices] = True
+        alone[np.diff(self._stiffness.indptr) > 0] = False
+        return np.flatnonzero(~alone)
+
+    @cached_property
+    def _elastic(self) -> ContactProblem:
+        """The problem of the elastic bodies alone, whose factor is used."""
+        bodies, structure = self._bodies, self._structure
+        return ContactProblem(
+            self._stiffness[bodies][:, bodies],
+            self._contact[:, bodies],
+            gap=np.zeros(self._shape),
+            mu=structure.coefficients,
+            fixed=np.searchsorted(bodies, np.intersect1d(self._fixed, bodies)),
+            dim=self._shape[1],
+        )
+
+    def _find_forces(self, soils: SoilFields) -> Floats:
+        """Nodal forces that balance the change of the stresses of soils."""
+        force = np.zeros(len(self.load))
+        for group, (_, stress, start) in zip(
+            self._structure.points, soils, strict=bool(soils)
+        ):
+            force += group.forces(stress) - group.forces(start)
+        return force
 
     def complementary_energy(
-        self, dr: ArrayLike, at_supports: ArrayLike | None = None
+        self,
+        dr: ArrayLike,
+        at_supports: ArrayLike | None = None,
+        soils: SoilFields = (),
     ) -> float:
         """``W = ½ wᵀ K w`` with ``w`` of `elastic_answer`; infinite where that is ``None``."""
-        w = self.elastic_answer(dr, at_supports)
+        w = self.elastic_answer(dr, at_supports, soils)
         return np.inf if w is None else self._energy(w)
 
     def potential(self, du: ArrayLike) -> float:
@@ -261,17 +320,21 @@ class Functionals:
         return self._energy(u) - float(self.load @ u)
 
     def complementary(
-        self, dr: ArrayLike, at_supports: ArrayLike | None = None
+        self,
+        dr: ArrayLike,
+        at_supports: ArrayLike | None = None,
+        soils: SoilFields = (),
     ) -> float:
         """``Π = W - s·prescribed``, ``s`` the support forces: (27), or (71) for increments.
 
         Infinite if reactions and loads do not balance on a free rigid motion.
         """
-        w = self.elastic_answer(dr, at_supports)
+        w = self.elastic_answer(dr, at_supports, soils)
         if w is None:
             return np.inf
         reaction = np.asarray(dr, np.float64)
         support = self._stiffness @ w - self.load - self._contact.T @ reaction.ravel()
+        support += self._find_forces(soils)
         return self._energy(w) - float(support[self._fixed] @ self.prescribed)
 
     def bipotential(self, du: ArrayLike, dr: ArrayLike) -> Floats:
@@ -293,36 +356,59 @@ class Functionals:
         return np.where(outside, np.inf, finite)
 
     def bifunctional(
-        self, du: ArrayLike, dr: ArrayLike, at_supports: ArrayLike | None = None
+        self,
+        du: ArrayLike,
+        dr: ArrayLike,
+        soils: SoilFields = (),
+        at_supports: ArrayLike | None = None,
     ) -> float:
-        """``B = Φ + Π + Σ b``: (23), with the sign of ``u`` from (21).
+        """``B = Φ + Π + Σ b + ∫ β dΩ``: (23), with the sign of ``u`` from (21).
 
-        Never less than ``-start_work``, which is zero if the start state is complementary;
-        equal at solutions only. Infinite outside the domain of ``b`` or without balance.
+        β is that of the plastic points, with their flow as an argument of its own: not less
+        than its minimum over flows, and the same at solutions. B is never less than
+        ``-start_work``, which is zero if the start state is complementary; equal at
+        solutions only. Infinite outside the domain of a bipotential or without balance.
+        Where only soils bear a load, its balance is not checked.
         """
-        contact = float(self.bipotential(du, dr).sum())
-        if not np.isfinite(contact):
+        total = float(self.bipotential(du, dr).sum())
+        u = np.asarray(du, np.float64)
+        for group, (flow, stress, start) in zip(
+            self._structure.points, soils, strict=True
+        ):
+            beta = group.bipotential(group.strains(u), flow, stress, start)
+            total += float(group.weights @ beta)
+        if not np.isfinite(total):
             return np.inf
-        return self.potential(du) + self.complementary(dr, at_supports) + contact
+        return total + self.potential(du) + self.complementary(dr, at_supports, soils)
 
     def excess(
-        self, du: ArrayLike, dr: ArrayLike, at_supports: ArrayLike | None = None
+        self,
+        du: ArrayLike,
+        dr: ArrayLike,
+        soils: SoilFields = (),
+        at_supports: ArrayLike | None = None,
     ) -> float:
-        """``½ ‖du - w‖²_K + Σ r·ṽ``: the bifunctional above its bound ``-start_work``.
+        """``½ ‖du - w‖²_K + Σ r·ṽ + ∫ [β - σ·ε] dΩ``: B above its bound ``-start_work``, (28).
 
-        The first term is the energy of the error in equilibrium, the second the sum of the
-        gaps of the contact law. It equals ``bifunctional + start_work`` where that is finite,
-        without cancellation: its rounding is that of ``r·ṽ``, instead of ``Φ`` and ``Π``.
-        Constraints are not checked; if they hold, no term is negative.
+        The first term is the energy of the error in equilibrium, the others are the gaps of
+        the laws of contacts and points. It equals ``bifunctional + start_work`` where that is
+        finite, without cancellation: its rounding is that of ``r·ṽ``, instead of ``Φ`` and
+        ``Π``. Constraints are not checked; if they hold, no term is negative.
         """
         u = self._admissible(du)
-        w = self.elastic_answer(dr, at_supports)
+        w = self.elastic_answer(dr, at_supports, soils)
         if w is None:
             return np.inf
         v = self._relative(u) + self.offset
         r = self._before + np.asarray(dr, np.float64)
         friction = self._mu * r[:, 0] * self._slip(v)
-        return self._energy(u - w) + float(np.sum(r * v) + friction.sum())
+        total = self._energy(u - w) + float(np.sum(r * v) + friction.sum())
+        for group, (flow, stress, start) in zip(
+            self._structure.points, soils, strict=True
+        ):
+            gap = group.gap(group.strains(u), flow, stress, start)
+            total += float(group.weights @ gap)
+        return total
 
     def displacement_functional(self, du: ArrayLike, dr: ArrayLike) -> float:
         """``ΔΦ_b`` (68), which ``du`` minimises for given normal reactions of ``dr``.
@@ -368,21 +454,6 @@ class Functionals:
             )
         return u
 
-    def _answers(self, w: Floats, reaction: Floats) -> None:
-        """Raise an error if ``w`` does not satisfy equilibrium with the ``K`` given here."""
-        force = self.load + self._contact.T @ reaction.ravel()
-        free = np.ones(len(w), bool)
-        free[self._fixed] = False
-        terms = abs(self._stiffness) @ np.abs(w) + np.abs(force)
-        lack = np.abs(self._stiffness @ w - force)[free].max(initial=0.0)
-        # w is exact up to rounding, and the loads balance up to the slack.
-        if lack > (1e-8 + self._slack) * terms.max(initial=0.0):
-            raise ValueError(
-                f"K is not the stiffness of the problem: with K, a force of {lack} stays "
-                f"unbalanced, where forces are up to {terms.max()}; give the K that the "
-                "problem was made from"
-            )
-
     def _relative(self, u: Floats) -> Floats:
         return np.asarray(self._contact @ u, np.float64).reshape(self._shape)
 
@@ -406,7 +477,52 @@ class Functionals:
         return np.asarray((r[:, 0] < -slack) | (shear > limit))
 
 
-def _matrix(problem: ContactProblem) -> CsrMatrix:
-    """``B`` of a problem."""
-    matrix: CsrMatrix = problem.contacts.operator.matrix
-    return matrix
+def measure_bifunctional(
+    structure: Structure, start: StructureState, end: StructureState, load: ArrayLike
+) -> float:
+    """B of (23), from the energies, at the increments from ``start`` to ``end`` [J].
+
+    Infinite where the fields do not satisfy the constraints of the bipotentials.
+
+    Parameters
+    ----------
+    structure
+        The structure.
+    start, end
+        States at the start and at the end of a step; that at the end may be any.
+    load
+        Total loads at the end without the weight, ``(n,)`` [N].
+    """
+    before = structure.check_state("start", start)
+    after = structure.check_state("end", end)
+    soils = [
+        (
+            group.from_strain_tensors(p1 - p0),
+            group.from_tensors(s1),
+            group.from_tensors(s0),
+        )
+        for group, p0, p1, s0, s1 in zip(
+            structure.points,
+            before.plastic_strain,
+            after.plastic_strain,
+            before.stress,
+            after.stress,
+            strict=True,
+        )
+    ]
+    return Functionals.between(structure, before, after, load).bifunctional(
+        after.displacement - before.displacement,
+        after.reaction - before.reaction,
+        soils,
+    )
+
+
+def of_problem(problem: ContactProblem, K: MatrixLike) -> Structure:
+    """The elastic structure of a contact problem and its stiffness, which it does not keep."""
+    if not isinstance(problem, ContactProblem):
+        raise make_type_error("problem", problem, "a ContactProblem")
+    contacts = problem.contacts
+    arrays = Contacts(
+        contacts.operator.matrix, contacts.gap_by_component, contacts.law.mu
+    )
+    return Structure([K], (), arrays, problem.stiffness.options.fixed)

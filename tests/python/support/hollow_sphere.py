@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from bipot_rs import fem
-from bipot_rs.mesh.elements import make_mesh
+from bipot_rs.mesh.elements import make_mesh, second_order
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ class HollowSphere:
         return np.where(r < c, plastic, elastic)
 
     def body(self, n: int) -> fem.Body:
-        """An octant: three patches of ``n × n`` hexahedra, ``2 n`` along the radius."""
+        """An octant: three patches of ``n × n`` hexahedra of 20 nodes, ``2 n`` along the radius."""
         ticks = np.arange(n + 1)
         patch = []
         for axis in range(3):
@@ -111,19 +111,27 @@ class HollowSphere:
         ).reshape(-1, 3)
         cube, which = np.unique(corners, axis=0, return_inverse=True)
         quads = which.reshape(-1, 4)
-        # Equal angles between neighbours on an edge.
-        way = np.tan(cube / n * math.pi / 4)
-        way /= np.linalg.norm(way, axis=1)[:, None]
         radii = np.linspace(self.inner, self.outer, 2 * n + 1)
-        points = (radii[:, None, None] * way).reshape(-1, 3)
+        # First on shells of cubes, where the nodes between corners are in the middle.
+        shells = (radii[:, None, None] * (cube / n)).reshape(-1, 3)
         layers = len(cube) * np.arange(2 * n)[:, None, None]
         cells = np.concatenate([layers + quads, layers + len(cube) + quads], axis=2)
-        mesh, _ = make_mesh("hexahedron", points, cells.reshape(-1, 8))
+        mesh, _ = make_mesh("hexahedron", shells, cells.reshape(-1, 8))
         mid = (self.inner + self.outer) / 2
         outside = mesh.boundary_facets()
         centre = mesh.p[:, mesh.facets[:, outside]].mean(axis=1)
         planes = (np.abs(centre) < 1e-9 * self.outer).any(axis=0)
-        inner = ~planes & (np.linalg.norm(centre, axis=0) < mid)
-        mesh = mesh.with_boundaries({"inner": outside[inner]})
+        inner = ~planes & (centre.max(axis=0) < mid)
+        mesh = second_order(
+            mesh.with_boundaries({"inner": outside[inner]}), serendipity=True
+        )
+        # Equal angles between neighbours on an edge.
+        radius = mesh.p.max(axis=0)
+        way = np.tan(mesh.p / radius * math.pi / 4)
+        curved = type(mesh)(
+            radius * way / np.linalg.norm(way, axis=0), mesh.t, mesh.boundaries
+        )
         young = 9 * self.bulk * self.shear / (3 * self.bulk + self.shear)
-        return fem.Body("wall", mesh, fem.Material(young, young / (2 * self.shear) - 1))
+        return fem.Body(
+            "wall", curved, fem.Material(young, young / (2 * self.shear) - 1)
+        )

@@ -309,8 +309,9 @@ def test_the_motion_of_the_obstacle_is_no_distance_from_the_geometry() -> None:
 def test_theory_refuses_increments_between_frames() -> None:
     problem = make(3, gaps=path(3), engine="direct")
     result = problem.solve()
+    structure = functionals.of_problem(problem, setup(3)[0].K)
     with pytest.raises(ValueError, match="the step before it, has frames of its own"):
-        functionals.Functionals.of_step(problem, setup(3)[0].K, result)
+        functionals.Functionals.of_step(structure, result)
     with pytest.raises(ValueError, match="the step before it, has frames of its own"):
         law.step_of(result, 1)
 

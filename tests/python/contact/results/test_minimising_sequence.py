@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs.contact.results.minimising_sequence import MinimisingSequence
-from bipot_rs.theory.functionals import Functionals
+from bipot_rs.theory.functionals import Functionals, of_problem
 
 Array = NDArray[np.float64]
 METHOD = "minimising_sequence"
@@ -86,7 +86,9 @@ def test_b_is_the_papers_functional_of_the_fields(k: int) -> None:
     u = result[k].minimising_displacements()
     assert u.shape == (len(sequence), 4)
     # In totals, with the slip history in the offset.
-    f = Functionals.of_step(Two.problem(), Two.K, result, k, increments=False)
+    f = Functionals.of_step(
+        of_problem(Two.problem(), Two.K), result, k, increments=False
+    )
     for i in range(len(sequence)):
         # u_i is in equilibrium with τ_i, and v_i is its relative displacement.
         force = Two.loads[k] + sequence.balanced_reaction[i].ravel()
@@ -112,7 +114,9 @@ def test_each_field_is_the_minimum_for_the_other() -> None:
     result = Two.result(tol=1e-13)
     step, sequence = result[1], sequence_of(result[1])
     u = step.minimising_displacements()
-    f = Functionals.of_step(Two.problem(), Two.K, result, 1, increments=False)
+    f = Functionals.of_step(
+        of_problem(Two.problem(), Two.K), result, 1, increments=False
+    )
     rng = np.random.default_rng(0)
     values = sequence.bifunctional
     tried = 0
