@@ -80,6 +80,7 @@ def test_a_force_at_a_point_has_a_moment() -> None:
 
 
 @pytest.mark.parametrize("number", LIMITS)
+@pytest.mark.slow_variants("6")
 def test_walls_of_ferris_and_tin_loi(number: int) -> None:
     problem = assemble(wall(number), 0.65)
     weight, push = problem.body_force([0.0, -1.0]), problem.body_force([1.0, 0.0])
