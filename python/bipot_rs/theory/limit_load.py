@@ -191,11 +191,17 @@ def _make_statics(
     sizes.append(np.full(contacts, d))
     friction.append(np.repeat(slope, d))
     cohesion.append(np.zeros(contacts))
+    # Rows of unit length for each cone: neither units nor the sizes of cells matter.
+    whole, counts = sparse.csr_array(sparse.vstack(rows)), np.concatenate(sizes)
+    squares = whole.multiply(whole).sum(axis=1)
+    ends = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    size = np.sqrt(np.add.reduceat(squares, ends))
+    size[size == 0] = 1.0
     statics = statics_of_rows(
-        sparse.csr_array(sparse.vstack(rows)),
-        np.concatenate(sizes),
+        sparse.diags_array(np.repeat(1 / size, counts)) @ whole,
+        counts,
         np.concatenate(friction),
-        np.concatenate(cohesion),
+        np.concatenate(cohesion) * size,
     )
     return statics, borne
 
