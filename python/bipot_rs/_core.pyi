@@ -750,6 +750,9 @@ class LimitLoad:
     def mechanism(self) -> _Floats:
         """Amounts of the motions; empty if there is no bound."""
     @property
+    def excluded(self) -> float:
+        """Length of the reactions that the mechanism excludes, relative to the loads."""
+    @property
     def reached(self) -> float | None: ...
     @property
     def reaction(self) -> _Floats | None: ...

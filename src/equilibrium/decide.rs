@@ -19,7 +19,7 @@ const SURE: f64 = 1e-9;
 const BALANCED: f64 = 1e-10;
 
 /// Reactions that are this many times the loads are no solution: their rounding hides the loads.
-const LARGEST: f64 = 1e9;
+pub(super) const LARGEST: f64 = 1e9;
 
 /// The answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -156,9 +156,15 @@ fn decide_part(
         }
         motions.push(other);
         if decision.imbalance <= BALANCED {
+            // Reactions that were measured outweigh a proof with a bound.
+            decision.verdict = Verdict::Balanced;
+            decision.motion.clear();
+            decision.excluded = 0.0;
             return Ok(decision);
         }
-        decision.verdict = Verdict::Undecided;
+        if decision.motion.is_empty() {
+            decision.verdict = Verdict::Undecided;
+        }
         for motion in motions.iter().rev() {
             if exclude(&mut decision, &mut repair, motion, load, limits)? {
                 break;

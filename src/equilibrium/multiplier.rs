@@ -3,7 +3,7 @@
 //! A motion `d` with `R d` in the dual cones and `e₁·d > 0` bounds it: `0 ≥ e₀·d + λ e₁·d −
 //! Σ c‖v_t‖` for all reactions that balance `e₀ + λ e₁`.
 
-use crate::equilibrium::decide::{Decision, Verdict, decide};
+use crate::equilibrium::decide::{Decision, LARGEST, Verdict, decide};
 use crate::equilibrium::part::Part;
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::proof::Witness;
@@ -12,9 +12,9 @@ use crate::equilibrium::statics::Statics;
 use crate::error::Error;
 
 /// Shares of the multiplier above it, at which a mechanism has to prove that there is no balance.
-const ABOVE: [f64; 6] = [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4];
+const ABOVE: [f64; 7] = [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4];
 /// Shares below it, at which reactions are measured.
-const BELOW: [f64; 6] = [0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-6];
+const BELOW: [f64; 8] = [0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-6, 1e-4, 1e-2];
 
 /// The largest multiplier, from both sides.
 #[derive(Clone, Debug)]
@@ -25,6 +25,9 @@ pub struct LimitLoad {
     pub upper: f64,
     /// The motion that proves it; empty if `upper` is infinite.
     pub mechanism: Vec<f64>,
+    /// Length of the reactions that the mechanism excludes above `upper`, relative to the loads;
+    /// infinite for a proof without a bound.
+    pub excluded: f64,
     /// The largest multiplier with reactions that were measured, and these; infinite if the
     /// reactions of the live load alone may be added any number of times.
     pub reached: Option<(f64, Vec<f64>)>,
@@ -52,6 +55,7 @@ pub fn find_limit(
         dead: without,
         upper: f64::INFINITY,
         mechanism: Vec::new(),
+        excluded: f64::INFINITY,
         reached: None,
     };
     if limit.dead.verdict != Verdict::Balanced {
@@ -77,19 +81,29 @@ pub fn find_limit(
         let multiplier = multiplier.max(0.0);
         largest = largest.min(multiplier);
         let mut repair = Repair::new(statics, &part, &lengths);
+        let mut bounded: Option<(f64, Vec<f64>, f64)> = None;
         for above in ABOVE {
             // The dead load alone may be at its limit.
             let tried = multiplier * (1.0 + above) + above * part.force_of(live);
             let load = add(dead, tried, live);
-            let proved = repair.repair(&motion, &load, limits)?;
-            let Some((mechanism, _)) = proved.filter(|(_, excluded)| excluded.is_infinite()) else {
+            let Some((mechanism, excluded)) = repair.repair(&motion, &load, limits)? else {
                 continue;
             };
             let upper = bound(statics, part.contacts(), dead, live, &mechanism);
-            if upper < limit.upper {
-                (limit.upper, limit.mechanism) = (upper, mechanism);
+            let excluded = excluded / part.size_of(&load);
+            if excluded.is_infinite() && upper >= 0.0 {
+                bounded = Some((upper, mechanism, excluded));
+                break;
             }
-            break;
+            // Where contacts hold each other, rounding may leave no other proof.
+            if excluded >= LARGEST && bounded.is_none() {
+                bounded = Some((tried, mechanism, excluded));
+            }
+        }
+        if let Some((upper, mechanism, excluded)) = bounded
+            && upper < limit.upper
+        {
+            (limit.upper, limit.mechanism, limit.excluded) = (upper, mechanism, excluded);
         }
     }
     if !largest.is_finite() {
@@ -100,9 +114,10 @@ pub fn find_limit(
         let decision = decide(statics, &add(dead, tried, live), limits)?;
         if decision.verdict == Verdict::Balanced {
             limit.reached = Some((tried, decision.reaction));
-            break;
+            return Ok(limit);
         }
     }
+    limit.reached = Some((0.0, limit.dead.reaction.clone()));
     Ok(limit)
 }
 
@@ -114,11 +129,15 @@ fn add(dead: &[f64], multiplier: f64, live: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// The bound of a motion in the dual cones, rounded up.
+/// The bound of a motion in the dual cones, rounded up; not a number if the live load does not
+/// work on it.
 fn bound(statics: &Statics, contacts: &[usize], dead: &[f64], live: &[f64], motion: &[f64]) -> f64 {
     let without = Witness::new(statics, contacts, dead, motion).work;
     let none = statics.without_cohesion();
     let gained = Witness::new(&none, contacts, live, motion).work;
+    if !(gained > 0.0) {
+        return f64::NAN;
+    }
     let upper = -without / gained;
     upper + 4.0 * f64::EPSILON * upper.abs()
 }

@@ -104,6 +104,11 @@ impl<'a> Part<'a> {
         norm(&self.load) * self.force
     }
 
+    /// The length of another load, a force.
+    pub(super) fn size_of(&self, load: &[f64]) -> f64 {
+        norm(&self.scale_load(load)) * self.force
+    }
+
     /// The multiple of another load that is of the order of this one.
     pub(super) fn force_of(&self, load: &[f64]) -> f64 {
         1.0 / unit_of(&self.scale_load(load))

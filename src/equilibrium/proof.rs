@@ -38,21 +38,25 @@ impl Witness {
             let cohesion = statics.cohesion[contact];
             let rows = statics.first[contact]..statics.first[contact + 1];
             let mut lengths = [0.0_f64; 2];
+            let normal = move_row(statics, rows.start, motion);
+            let opening = normal.value();
+            let mut squares = Squares::new(&normal);
             for row in rows.clone().skip(1) {
-                let moved = if statics.friction[row] > 0.0 || cohesion > 0.0 {
-                    move_row(statics, row, motion)
-                } else {
-                    0.0
-                };
-                if statics.friction[row] > 0.0 {
-                    lengths[0] = lengths[0].hypot(statics.friction[row] * moved);
+                if statics.friction[row] == 0.0 && cohesion == 0.0 {
+                    continue;
                 }
+                let tangential = move_row(statics, row, motion);
+                let moved = tangential.value();
+                lengths[0] = lengths[0].hypot(statics.friction[row] * moved);
                 lengths[1] = lengths[1].hypot(moved);
+                squares.subtract(statics.friction[row], &tangential);
             }
             let [resisted, slip] = lengths.map(|length| length * (1.0 + FEW));
             held += cohesion * slip;
-            let opening = move_row(statics, rows.start, motion);
-            let difference = opening - FEW * opening.abs() - resisted;
+            let mut difference = opening - FEW * opening.abs() - resisted;
+            if difference < 0.0 && opening > 0.0 && squares.is_inside() {
+                difference = 0.0;
+            }
             let mu = statics.largest_friction(contact);
             lack = lack.hypot(difference.min(0.0) / mu.hypot(1.0));
             slack.push(difference);
@@ -89,13 +93,49 @@ impl Witness {
     }
 }
 
-/// A component of `R d`, rounded once.
-fn move_row(statics: &Statics, row: usize, motion: &[f64]) -> f64 {
+/// A component of `R d`.
+fn move_row(statics: &Statics, row: usize, motion: &[f64]) -> ExactSum {
     let mut sum = ExactSum::default();
     for (j, value) in statics.row(row) {
         sum.add_product(value, motion[j]);
     }
-    sum.value()
+    sum
+}
+
+/// `v_n² − ‖D v_t‖²` without rounding, if the components of `v` are numbers: a motion may lie on
+/// the border of a dual cone, where any rounding would count against it.
+struct Squares {
+    difference: ExactSum,
+    exact: bool,
+}
+
+impl Squares {
+    /// Products of smaller numbers are rounded.
+    const LEAST: f64 = 1e-100;
+
+    fn new(normal: &ExactSum) -> Self {
+        let opening = normal.value();
+        let mut difference = ExactSum::default();
+        difference.add_product(opening, opening);
+        Self {
+            difference,
+            exact: normal.is_number() && opening > Self::LEAST,
+        }
+    }
+
+    fn subtract(&mut self, friction: f64, tangential: &ExactSum) {
+        let moved = tangential.value();
+        let high = friction * moved;
+        let low = friction.mul_add(moved, -high);
+        self.exact &= tangential.is_number() && (high == 0.0 || high.abs() > Self::LEAST);
+        for (a, b) in [(high, high), (2.0 * high, low), (low, low)] {
+            self.difference.add_product(-a, b);
+        }
+    }
+
+    fn is_inside(&self) -> bool {
+        self.exact && self.difference.value() >= 0.0
+    }
 }
 
 /// The motion whose largest amount, in lengths of columns, is 1.

@@ -50,10 +50,7 @@ impl<'a, 'p> Repair<'a, 'p> {
             return Ok(None);
         };
         // A motion that needs no repair may be exact where its rounding is removed.
-        let amounts = motion.iter().zip(self.lengths);
-        let clean: Vec<f64> = amounts
-            .map(|(&d, l)| if (d * l).abs() < NOTHING { 0.0 } else { d })
-            .collect();
+        let clean = clear_amounts(&motion, self.lengths, NOTHING);
         let mut best: Option<(Vec<f64>, f64)> = None;
         let mut offer = |motion: Vec<f64>, witness: &Witness| {
             let excluded = witness.excluded();
@@ -71,10 +68,14 @@ impl<'a, 'p> Repair<'a, 'p> {
                 return Ok(best);
             }
         }
-        for each in [false, true] {
-            let Some(opening) = self.open(each, limits)? else {
+        for (each, cleared) in [(false, false), (true, false), (true, true)] {
+            let Some(mut opening) = self.open(each, limits)? else {
                 continue;
             };
+            if cleared {
+                // In directions in which contacts hold each other, amounts are rounding.
+                opening = clear_amounts(&opening, self.lengths, OPENS);
+            }
             let opened = Witness::new(self.statics, self.part.contacts(), load, &opening).slack;
             for base in [&motion, &clean] {
                 let witness = Witness::new(self.statics, self.part.contacts(), load, base);
@@ -122,6 +123,14 @@ impl<'a, 'p> Repair<'a, 'p> {
         }
         Ok(slot.clone().filter(|motion| !motion.is_empty()))
     }
+}
+
+/// The motion without amounts below the `least`.
+fn clear_amounts(motion: &[f64], lengths: &[f64], least: f64) -> Vec<f64> {
+    let amounts = motion.iter().zip(lengths);
+    amounts
+        .map(|(&d, l)| if (d * l).abs() < least { 0.0 } else { d })
+        .collect()
 }
 
 fn opened_all(slack: &[f64]) -> bool {

@@ -105,6 +105,12 @@ impl ExactSum {
         self.add(product);
     }
 
+    /// Whether the sum is one number, which `value` gives without rounding.
+    #[must_use]
+    pub fn is_number(&self) -> bool {
+        self.parts.len() <= 1
+    }
+
     /// The sum with a relative error of at most 2 ε, and its sign: zero only if the sum is.
     #[must_use]
     pub fn value(&self) -> f64 {

@@ -129,6 +129,7 @@ impl PyStatics {
         Ok(PyLimitLoad {
             upper: limit.upper,
             mechanism: from_vec(py, limit.mechanism).unbind(),
+            excluded: limit.excluded,
             reached,
             reaction: reaction.map(|r| from_vec(py, r).unbind()),
             dead: Py::new(py, PyDecision::new(py, limit.dead))?,
@@ -232,6 +233,7 @@ impl PyDecision {
 pub(super) struct PyLimitLoad {
     upper: f64,
     mechanism: Py<PyArray1<f64>>,
+    excluded: f64,
     reached: Option<f64>,
     reaction: Option<Py<PyArray1<f64>>>,
     dead: Py<PyDecision>,

@@ -535,7 +535,8 @@ class ReducedProblem:
         NoEquilibriumError
             No reactions balance ``e0`` alone.
         NotConvergedError
-            Whether reactions balance ``e0`` alone was not decided.
+            Whether reactions balance ``e0`` alone, or whether there is a largest multiplier,
+            was not decided.
         """
         from bipot_rs.contact.proof.equilibrium import read_limit
 

@@ -95,6 +95,7 @@ class LimitMultiplier:
     mechanism: Floats | None
     reached: float | None
     reaction: Floats | None
+    excluded: float = np.inf
 
 
 def make_statics(R: Any, law: ContactLaw, contacts: int, d: int) -> _core.Statics:
@@ -176,6 +177,11 @@ def read_limit(
         raise NoEquilibriumError(f"e0 alone: {without.reason}")
     if without.verdict == "undecided":
         raise NotConvergedError(f"e0 alone: {without.reason}")
+    if np.isinf(limit.upper) and limit.reached != np.inf:
+        raise NotConvergedError(
+            "the largest multiplier was not decided: no motion proves a bound, and the live "
+            "load alone was not balanced"
+        )
     reached, reaction = limit.reached, limit.reaction
     if solve is not None:
         reached, reaction = _climb(solve, limit.upper)
@@ -184,6 +190,7 @@ def read_limit(
         mechanism=limit.mechanism if np.isfinite(limit.upper) else None,
         reached=reached,
         reaction=None if reaction is None else reaction.reshape(shape),
+        excluded=limit.excluded,
     )
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 from scipy.sparse import csr_array
 
 import bipot_rs as bp
@@ -125,6 +126,42 @@ def test_a_wedge_presses_itself() -> None:
     turned = rigid(R @ turn, turn.T @ down, 0.0, 2).equilibrium()
     assert turned.verdict == "none"
     assert turned.excluded > 1e9
+
+
+def test_a_motion_on_the_border_of_a_dual_cone_is_a_proof() -> None:
+    # The only motion slides at exactly the angle of friction.
+    R = np.array([[5.0], [-3.0], [4.0]])
+    assert check(rigid(R, np.array([3.0]), 1.0, 3)) == "none"
+    assert check(rigid(R, np.array([-3.0]), 1.0, 3)) == "balanced"
+
+
+def press_itself(seed: int) -> tuple[Array, Array]:
+    """``R`` of contacts without friction, of which two hold each other, and a load."""
+    g = np.random.default_rng(seed)
+    motions = int(g.integers(2, 5))
+    contacts = int(g.integers(motions + 1, 8))
+    R = g.normal(size=(2 * contacts, motions))
+    R[2] = -g.uniform(0.5, 2) * R[0]
+    return R, 10 * g.normal(size=motions)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_contacts_that_hold_each_other_hide_no_verdict(seed: int) -> None:
+    R, e = press_itself(seed)
+    problem = rigid(R, e, 0.0, 2)
+    carried = linprog(
+        np.zeros(len(R) // 2), A_eq=R[::2].T, b_eq=-e, method="highs"
+    ).success
+    found = problem.equilibrium()
+    assert found.verdict == ("balanced" if carried else "none")
+    limit = problem.limit_multiplier(np.zeros(len(e)), e)
+    assert limit.reached == (np.inf if carried else 0.0)
+    # The bound is the share of the live load at which it is tried.
+    assert limit.upper == np.inf if carried else limit.upper < 1e-8
+    if not carried:
+        # Without rounding the motion would exclude all reactions.
+        assert found.excluded > 1e9
+        assert limit.excluded > 1e9
 
 
 def test_without_rigid_motions_nothing_is_to_be_balanced() -> None:
