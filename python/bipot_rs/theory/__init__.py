@@ -5,3 +5,21 @@ principles of the boundary-value problem, and its variational inequalities. The 
 not use it. Numbers such as [dSF91, 54] are equations of the paper; the equations of this
 package are in docs/theory.md.
 """
+
+from typing import TYPE_CHECKING
+
+from bipot_rs._lib.optional import lazily
+
+if TYPE_CHECKING:
+    from bipot_rs.theory.soil_body import Soil
+    from bipot_rs.theory.structure import Contacts, Structure
+
+__all__ = ["Contacts", "Soil", "Structure"]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "bipot_rs.theory.soil_body": ("Soil",),
+        "bipot_rs.theory.structure": ("Contacts", "Structure"),
+    },
+)

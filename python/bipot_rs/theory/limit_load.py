@@ -27,6 +27,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.errors import NoEquilibriumError
 from bipot_rs.contact.proof.equilibrium import statics_of_rows
 from bipot_rs.theory.structure_state import (
+    LACK_ACROSS,
     Assembled,
     StepNotConvergedError,
     StructureStep,
@@ -34,6 +35,8 @@ from bipot_rs.theory.structure_state import (
 
 # A motion of a body is rigid if it strains it by less, relative to the stiffest motion.
 _RIGID = 1e-12
+# Gaps and imbalance of this size are rounding: some hundred terms of a sum.
+_ROUNDING = 1e-13
 
 
 class LimitLoadError(NoEquilibriumError):
@@ -136,7 +139,10 @@ def bound_load(
 
 
 def refuse_step(
-    structure: Assembled, steps: tuple[StructureStep, ...], step: StructureStep
+    structure: Assembled,
+    steps: tuple[StructureStep, ...],
+    step: StructureStep,
+    tol: float,
 ) -> None:
     """Raise the error of a step that did not converge."""
     flow = find_mechanism(structure, step.load)
@@ -154,7 +160,9 @@ def refuse_step(
         "Its load may be above the limit load of the flow, or the step too large: use smaller "
         "steps, or prescribe displacements"
     )
-    if step.lack_across > 0 and step.imbalance < 1e-6:
+    if max(step.gap_soil, step.gap_contact, step.imbalance) <= _ROUNDING:
+        reason = f"This is rounding: tol is {tol:g}, use a larger one"
+    if step.lack_across > max(tol, LACK_ACROSS) and step.imbalance < 1e-6:
         reason = (
             "The stress across the plane is not the intermediate one, or the mean tension is "
             "too large, so that the plane law of Mohr and Coulomb does not hold: use "

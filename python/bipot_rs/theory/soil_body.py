@@ -99,6 +99,13 @@ class Soil:
         vtk = _CELLS.get((x.shape[1], corners.shape[-1]))
         if vtk is None:
             raise ValueError(_describe_cells(x.shape[1], corners.shape[-1]))
+        if not len(corners):
+            raise ValueError("cells is empty, expected one cell or more")
+        if corners.min() < 0 or corners.max() >= len(x):
+            raise ValueError(
+                f"cells has nodes from {corners.min()} to {corners.max()}, expected 0 to "
+                f"{len(x) - 1}, rows of points"
+            )
         mesh, _ = make_mesh(vtk, x, corners.astype(np.int64))
         self._fill(Body("soil", mesh, Material(E, nu)), phi, psi, cohesion, weight, law)
 
@@ -131,8 +138,18 @@ class Soil:
         if body.kind.vtk not in _CELLS.values():
             raise ValueError(_describe_cells(body.dim, body.cells.shape[1], body.name))
         self.body = body
+        with np.errstate(divide="ignore", invalid="ignore"):
+            _, volumes = inverse(jacobian(body.points[body.cells], self._reference[1]))
+        folded = np.flatnonzero((volumes * volumes[0] <= 0).any(axis=0))
+        if len(folded):
+            raise ValueError(
+                f"cell {folded[0]} of body {body.name!r} is folded or flat, expected nodes in "
+                "the order of VTK, and those between corners near the middle of their sides"
+            )
         self._moduli = _moduli(body)
         self._weight = number("weight", weight)
+        if not math.isfinite(self._weight):
+            raise ValueError(f"weight is {weight}, expected a finite number")
         self._plane = False
         if isinstance(law, DruckerPrager):
             if phi is not None or psi is not None or cohesion:
@@ -287,6 +304,9 @@ class Soil:
                 f"stress has shape {tensors.shape}, expected (3, 3), {(3, 3, *shape)} or "
                 f"{(*shape, 6)}"
             )
+        skew = tensors - tensors.swapaxes(0, 1)
+        if np.abs(skew).max() > 1e-12 * np.abs(tensors).max():
+            raise ValueError("stress is not symmetric, expected symmetric tensors")
         if tensors.ndim == 2:
             tensors = tensors[..., None, None]
         vectors = mandel(np.moveaxis(tensors, (0, 1), (-2, -1)))

@@ -30,7 +30,6 @@ from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import (
     csr,
     floats,
-    friction,
     indices,
     integer,
     loads,
@@ -38,6 +37,7 @@ from bipot_rs._lib.validation import (
     one_of,
 )
 from bipot_rs._lib.validation import gap as gap_by_component
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.fem.bodies.body import Body, Field
 from bipot_rs.fem.bodies.elasticity import dofs_of, stiffness
 from bipot_rs.theory.limit_load import refuse_step
@@ -99,6 +99,7 @@ class Structure:
         of their own.
     contacts
         `Contacts`, a `fem.Assembly` of the bodies and of the bodies of the soils, or None.
+        Their law is Coulomb's: those with cohesion or dilatancy are refused.
     fixed
         Degrees of freedom with prescribed displacement. With the contacts they must stop all
         rigid motions. Degrees of freedom are numbered as by `fem.assemble`: body after
@@ -136,8 +137,11 @@ class Structure:
         contacts: ContactArrays | None = None,
         fixed: ArrayLike = (),
     ) -> None:
+        for what, parts in (("bodies", bodies), ("soils", soils)):
+            if not isinstance(parts, Sequence):
+                raise make_type_error(what, parts, "a list")
         matrices = [
-            stiffness(body) if isinstance(body, Body) else csr("K", body).matrix
+            stiffness(body) if isinstance(body, Body) else _read_stiffness(body)
             for body in bodies
         ]
         for soil in soils:
@@ -184,7 +188,9 @@ class Structure:
         """B, gap and μ in the components in which friction is Coulomb's."""
         if contacts is None:
             contacts = Contacts(sparse.csr_array((0, self.n)), np.zeros((0, 2)), 0.0)
-        B, h = csr("B", contacts.B).matrix, np.asarray(contacts.gap, np.float64)
+        if not all(hasattr(contacts, name) for name in ("B", "gap", "mu")):
+            raise make_type_error("contacts", contacts, "Contacts or a fem.Assembly")
+        B, h = csr("B", contacts.B).matrix, floats("gap", contacts.gap)
         count = h.shape[0] if h.ndim else 0
         d = B.shape[0] // max(count, 1) or 2
         if B.shape != (d * count, self.n) or d not in (2, 3):
@@ -192,7 +198,16 @@ class Structure:
                 f"B has shape {B.shape}, expected 2 or 3 rows for each of the {count} "
                 f"contacts of gap, and {self.n} columns"
             )
-        mu = friction(contacts.mu, count, d)
+        law = ContactLaw.check(
+            count,
+            d,
+            mu=contacts.mu,
+            cohesion=getattr(contacts, "cohesion", None),
+            dilatancy=getattr(contacts, "dilatancy", None),
+            ratio=np.inf,
+        )
+        law.require_coulomb("a contact of a Structure")
+        mu = law.mu
         self.by, coulomb = _core.isotropic(mu, d)
         self.law = PointLaw(coulomb, *np.zeros((2, count)))
         self.B: CsrMatrix = sparse.csr_array(sparse.diags_array(self.by.ravel()) @ B)
@@ -215,7 +230,8 @@ class Structure:
         compliance = self.B.multiply(self.B) @ moves
         rows = compliance.reshape(self.shape)
         # A contact whose nodes are all prescribed has any spring.
-        least = max(float(rows.max(initial=0.0)), 1 / diagonal.max()) * 1e-6
+        soft = 1 / diagonal.max() if diagonal.max() > 0 else 1.0
+        least = max(float(rows.max(initial=0.0)), soft) * 1e-6
         self.springs: Floats = 1 / np.maximum(rows.mean(axis=1), least)
         # Contacts that supports hold along the surface.
         self.guided = (rows[:, 1:] == 0).all(axis=1)
@@ -231,14 +247,16 @@ class Structure:
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
             )
-            pivots = np.abs(self._factor.U.diagonal())
-            failed = bool(pivots.min() < 1e-13 * pivots.max())
+            pivots = self._factor.U.diagonal()
+            failed = bool(np.abs(pivots).min() < 1e-13 * np.abs(pivots).max())
         except RuntimeError:
             failed = True
         if failed:
             raise ValueError(
                 "a body can move without strain: fix more degrees of freedom, or add contacts"
             )
+        if (pivots < 0).any():
+            raise ValueError("K is indefinite, expected positive semidefinite")
 
     def solve_elastic(self, rest: Floats) -> Floats:
         """Displacement of the free degrees of freedom under forces on them, with K̂."""
@@ -261,6 +279,10 @@ class Structure:
         ValueError
             A stress has a wrong shape or violates the criterion.
         """
+        if len(stress) > len(self.points):
+            raise ValueError(
+                f"stress has {len(stress)} fields, expected at most {len(self.points)}"
+            )
         given = [*stress, *[None] * (len(self.points) - len(stress))]
         fields = []
         for soil, group, value in zip(self.soils, self.points, given, strict=True):
@@ -343,7 +365,7 @@ class Structure:
             solver = StepSolver(self, state, force + self.weight, moved, at, tol)
             state = solver.solve(method, most)
             if not state.converged:
-                refuse_step(self, tuple(steps), state)
+                refuse_step(self, tuple(steps), state, tol)
             steps.append(state)
         return tuple(steps)
 
@@ -434,6 +456,24 @@ def _count_columns(soils: tuple[Inelastic, ...]) -> int:
     if not columns:
         raise ValueError("a structure has no body and no soil: give one of them")
     return int(columns[0])
+
+
+def _read_stiffness(K: MatrixLike) -> CsrMatrix:
+    """K of a body, which must be square and symmetric to rounding."""
+    matrix = csr("K", K).matrix
+    if matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"K has shape {matrix.shape}, expected a square matrix")
+    # In units of the diagonal, so that no change of units decides.
+    size = np.sqrt(np.abs(matrix.diagonal()))
+    inverse = sparse.diags_array(np.divide(1, size, out=size.copy(), where=size > 0))
+    off = sparse.coo_array(inverse @ (matrix - matrix.T) @ inverse)
+    # As of a problem of contact: rounding of an assembly.
+    if off.nnz and np.abs(off.data).max() > 1e-10:
+        at = int(np.argmax(np.abs(off.data)))
+        raise ValueError(
+            f"K is not symmetric at row {off.coords[0][at]}, column {off.coords[1][at]}"
+        )
+    return matrix
 
 
 def _check_criterion(what: str, group: PlasticPoints, stress: Floats) -> None:

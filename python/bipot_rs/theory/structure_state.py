@@ -10,6 +10,10 @@ from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.theory.points import PlasticPoints, PointLaw
 
+# A stress across the plane is the intermediate one within this part of the stress: changes
+# of stress add up in each step, and only their rounding counts.
+LACK_ACROSS = 1e-9
+
 
 class Assembled(Protocol):
     """The matrices and points of a `structure.Structure`, whose attributes these are.

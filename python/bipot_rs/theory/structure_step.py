@@ -20,7 +20,12 @@ from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs.theory.convex import dot, length
 from bipot_rs.theory.points import PlasticPoints, PointEnd, Rate
 from bipot_rs.theory.stability import critical_hardening, find_ellipticity
-from bipot_rs.theory.structure_state import Assembled, StructureState, StructureStep
+from bipot_rs.theory.structure_state import (
+    LACK_ACROSS,
+    Assembled,
+    StructureState,
+    StructureStep,
+)
 
 # Halvings of a Newton step: shorter ones creep along a kink.
 _HALVINGS = 12
@@ -440,7 +445,7 @@ class StepSolver:
             gap_soil=gaps[0],
             gap_contact=gaps[1],
             imbalance=gaps[2],
-            converged=max(gaps) <= self.tol and across <= max(self.tol, 1e-9),
+            converged=max(gaps) <= self.tol and across <= max(self.tol, LACK_ACROSS),
             lack_across=across,
             # Of the law itself, also where the limits of the iterate were frozen.
             ellipticity=tuple(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bipot_rs import fem
+from bipot_rs import fem, theory
 from bipot_rs.fem.bodies.elasticity import nodal_forces
 from bipot_rs.mesh.boxes import box
 from bipot_rs.mesh.elements import cell_nodes, kind_of, make_mesh, second_order
@@ -17,7 +17,7 @@ from bipot_rs.theory.functionals import measure_bifunctional
 from bipot_rs.theory.points import PlasticPoints
 from bipot_rs.theory.soil_body import Soil
 from bipot_rs.theory.soils import DruckerPrager, mandel, tensor
-from bipot_rs.theory.structure import Structure
+from bipot_rs.theory.structure import Contacts, Structure
 from bipot_rs.theory.structure_state import StepNotConvergedError, StructureStep
 
 pytestmark = pytest.mark.needs_extra
@@ -484,9 +484,88 @@ def test_wrong_arguments_are_named() -> None:
         structure.at_rest([2.0 * np.eye(3)])
     with pytest.raises(ValueError, match=r"stress has shape \(2, 2\), expected"):
         structure.at_rest([np.eye(2)])
+    with pytest.raises(ValueError, match="stress has 3 fields, expected at most 1"):
+        structure.at_rest(-np.eye(3))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="stress is not symmetric"):
+        structure.at_rest([np.eye(3, k=1)])
     with pytest.raises(ValueError, match="method is 'secant', expected 'newton' or"):
         structure.solve(method="secant")
     with pytest.raises(ValueError, match=r"tol is 0\.0, expected a number between"):
         structure.solve(tol=0.0)
     with pytest.raises(TypeError, match="start is"):
         structure.solve(start=np.zeros(3))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"bodies": np.eye(2)}, "bodies is a ndarray, expected a list"),
+        ({"bodies": [np.ones((2, 3))]}, r"K has shape \(2, 3\), expected a square"),
+        (
+            {"bodies": [np.triu(np.ones((2, 2)))]},
+            "K is not symmetric at row 0, column 1",
+        ),
+        ({"bodies": [np.diag([1.0, -1.0])]}, "K is indefinite"),
+        (
+            {"contacts": (np.eye(2), [0.0], 0.3)},
+            "contacts is a tuple, expected Contacts",
+        ),
+        ({"contacts": Contacts(np.eye(2), "x", 0.3)}, "gap has entries of type"),
+    ],
+)
+def test_wrong_parts_are_named(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        Structure(**{"bodies": [np.eye(2)]} | arguments)
+
+
+@pytest.mark.parametrize(
+    ("cells", "weight", "message"),
+    [
+        (np.arange(1, 9), 0.0, r"nodes from 1 to 8, expected 0 to 7, rows of points"),
+        (np.arange(-1, 7), 0.0, r"nodes from -1 to 6"),
+        (np.zeros((0, 8), int), 0.0, "cells is empty"),
+        (np.arange(8), np.nan, "weight is nan, expected a finite number"),
+    ],
+)
+def test_wrong_meshes_are_named(cells: Any, weight: float, message: str) -> None:
+    corners = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    points = np.concatenate([corners, (corners + np.roll(corners, -1, axis=0)) / 2])
+    with pytest.raises(ValueError, match=message):
+        theory.Soil(points, cells.reshape(-1, 8), E, NU, 30.0, 0.0, 1.0, weight)
+
+
+@pytest.mark.parametrize("shape", ["flat", "folded"])
+def test_a_cell_without_volume_is_named(shape: str) -> None:
+    corners = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    if shape == "flat":
+        corners[:, 1] = 0.0
+    else:
+        corners = corners[[0, 2, 1, 3]]
+    points = np.concatenate([corners, (corners + np.roll(corners, -1, axis=0)) / 2])
+    with pytest.raises(ValueError, match="cell 0 of body 'soil' is folded or flat"):
+        theory.Soil(points, [np.arange(8)], E, NU, 30.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
+def test_contacts_of_another_law_are_refused(what: str) -> None:
+    """A law that is not solved would be answered as Coulomb's."""
+    grid = box([np.linspace(0.0, 1.0, 3)] * 2, "quadrilateral")
+    block = fem.Body("block", grid, fem.Material(E, NU))
+    glued: dict[str, Any] = {what: 0.2}
+    wall = fem.Contact("block", "bottom", 0.3, plane=((0, 0), (0, 1)), **glued)
+    model = fem.assemble([block], [wall], [fem.Support("block", "top", (0, 1))])
+    with pytest.raises(ValueError, match=f"Structure does not take {what}"):
+        theory.Structure([block], contacts=model, fixed=model.fixed)
+
+
+def test_a_tolerance_below_rounding_is_the_reason() -> None:
+    """The stress across the plane is the intermediate one; it is not blamed."""
+    body = body_of(mesh_of("quadrilateral"))
+    soil = theory.Soil.of_body(body, 20.0, 5.0, 1.0)
+    fixed = normal_supports(body)
+    structure = Structure([], [soil], fixed=fixed)
+    moved = 1e-3 * np.random.default_rng(3).normal(size=len(structure.fixed))
+    with pytest.raises(
+        StepNotConvergedError, match="rounding: tol is 1e-30, use a larger"
+    ):
+        structure.solve(prescribed=moved, tol=1e-30)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -431,13 +432,15 @@ class PathSolver:
 
 
 def _subtract_spent(settings: Settings, spent: Step) -> Settings:
-    """What the limits of a step leave for the rest of it."""
+    """What the limits of a step leave for the rest of it: at least one iteration."""
     iterations, seconds = settings.max_iterations, settings.max_seconds
     return settings._replace(
         max_iterations=None
         if iterations is None
-        else max(iterations - spent.iterations, 0),
-        max_seconds=None if seconds is None else max(seconds - spent.seconds, 0.0),
+        else max(iterations - spent.iterations, 1),
+        max_seconds=None
+        if seconds is None
+        else max(seconds - spent.seconds, sys.float_info.min),
     )
 
 

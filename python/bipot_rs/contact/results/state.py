@@ -54,8 +54,8 @@ class State:
     Raises
     ------
     TypeError, ValueError
-        An array has the wrong shape or type, is not finite, or reactions pull by more than
-        1e-3 of the largest one.
+        An array has the wrong shape or type, is not finite, reactions pull by more than 1e-3
+        of the largest one, or a dilation is negative.
 
     Examples
     --------
@@ -106,6 +106,12 @@ class State:
             if dilation is None
             else floats("dilation", dilation, shape=(contacts,))
         )
+        if self.dilation is not None and (self.dilation < 0).any():
+            k = int(np.argmin(self.dilation))
+            raise ValueError(
+                f"dilation of contact {k} is {self.dilation[k]:g}, expected zero or positive: "
+                "slip only lifts surfaces"
+            )
         normal = self.reaction[:, 0]
         if (normal < -_TENSION * np.abs(self.reaction).max(initial=0.0)).any():
             k = int(np.argmin(normal))

@@ -436,6 +436,10 @@ def test_a_state_with_wrong_broken_contacts(broken: object, message: str) -> Non
         bp.State(**state, broken=broken)
     with pytest.raises(ValueError, match="dilation"):
         bp.State(**state, dilation=[0.0, NAN])
+    with pytest.raises(
+        ValueError, match="dilation of contact 1 is -1, expected zero or"
+    ):
+        bp.State(**state, dilation=[0.0, -1.0])
 
 
 @pytest.mark.parametrize("what", ["cohesion", "dilatancy"])

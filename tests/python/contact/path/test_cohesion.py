@@ -493,3 +493,19 @@ class TestDerivatives:
         result = point().solve([0.0, 2.0])
         with pytest.raises(bp.NotDifferentiableError, match="contact 0 with cohesion"):
             result.jvp(cohesion=1.0)
+
+
+def test_limits_of_a_step_that_breaks() -> None:
+    """A limit that the first solution has used up ends the step as any limit does."""
+    problem = point(dilatancy=0.1)
+    loads = [[-1.0, 0.1], [1.0, 0.0]]
+    needed = problem.solve(loads)[1].iterations
+    # The solution after the break has one iteration, whatever the first has taken.
+    result = problem.solve(loads, max_iterations=needed)
+    assert result.broken[1, 0]
+    assert result[1].iterations <= needed + 1
+    for limit in range(1, needed):
+        with pytest.raises(bp.NotConvergedError, match=r"step 2: .*max_iterations"):
+            problem.solve(loads, max_iterations=limit)
+    with pytest.raises(bp.NotConvergedError, match="max_seconds"):
+        problem.solve(loads, max_seconds=1e-300)
