@@ -166,6 +166,13 @@ class Estimator:
                     f"mu of contacts[{k}] is {np.ravel(contact.mu).tolist()}, expected one "
                     "number: the discretisation error supports isotropic friction only"
                 )
+            for what in ("cohesion", "dilatancy"):
+                value = getattr(contact, what)
+                if value:
+                    raise ValueError(
+                        f"{what} of contacts[{k}] is {value:g}: the discretisation error "
+                        "supports Coulomb friction only"
+                    )
             if contact.pairing != "match":
                 raise ValueError(
                     f"contacts[{k}] is paired by {contact.pairing!r}: the discretisation "

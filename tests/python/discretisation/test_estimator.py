@@ -337,6 +337,19 @@ def test_bad_calls(tmp_path: Path) -> None:
         Estimator(bent)
 
 
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("contact.0.cohesion=1.0", r"cohesion of contacts\[0\] is 1"),
+        ("contact.0.dilatancy=0.1", r"dilatancy of contacts\[0\] is 0\.1"),
+    ],
+)
+def test_other_laws_are_refused(tmp_path: Path, setting: str, message: str) -> None:
+    """Without friction, but with cohesion, it would be called a guaranteed bound."""
+    with pytest.raises(ValueError, match=message):
+        Estimator(block(tmp_path, setting))
+
+
 def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
     """A body free to rotate: nodal forces and tractions have different torques."""
     settings = ["support=[]", "body_force=[]", "pressure=[]", "contact.0.mu=0.0"]
