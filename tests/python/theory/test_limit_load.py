@@ -113,7 +113,8 @@ def test_between_the_limits_nothing_is_proved() -> None:
     assert isinstance(error, NotConvergedError)
     assert len(error.steps) == 2
     copy = pickle.loads(pickle.dumps(error))
-    assert copy.last.imbalance == error.last.imbalance > 1e-6
+    # The slips have grown, and with them the work that the imbalance is relative to.
+    assert copy.last.imbalance == error.last.imbalance > 1e-7
     # The last iterate obeys the law: only equilibrium is missing.
     assert error.last.gap_soil < 1e-12
     # Associated flow carries this load.
@@ -136,14 +137,20 @@ def test_supports_everywhere_leave_no_mechanism() -> None:
     assert find_mechanism(held, 100 * load) is None
 
 
-def footing(n: int) -> float:
-    """Bearing capacity of a smooth strip footing of width 2, associated flow, α = 0.3."""
+def footing(
+    n: int,
+    beta: float = 0.3,
+    settlements: tuple[float, ...] = (0.04, 0.08, 0.16, 0.32),
+    *,
+    kind: str = "triangle",
+) -> float:
+    """Last force on a smooth strip footing of width 2, α = 0.3."""
     ticks = np.linspace(0, 1, n + 1)
     x = np.concatenate([1 - ticks[::-1] ** 2, 1 + 3 * ticks[1:] ** 2])
     y = -2.5 * np.linspace(1, 0, 3 * n // 2 + 1) ** 1.7
     body = fem.Body(
         "ground",
-        second_order(box([x, y], "triangle")),
+        second_order(box([x, y], kind), serendipity=True),
         fem.Material(1e3, 0.3),
     )
     top = body.nodes("top")
@@ -152,9 +159,9 @@ def footing(n: int) -> float:
     sides = np.concatenate([2 * body.nodes("left"), 2 * body.nodes("right")])
     fixed = np.unique(np.concatenate([sides, 2 * base, 2 * base + 1, 2 * foot + 1]))
     down = np.isin(fixed, 2 * foot + 1)
-    moved = np.zeros((4, len(fixed)))
-    moved[:, down] = -np.array([0.04, 0.08, 0.16, 0.32])[:, None]
-    soil = DruckerPrager(0.3, 0.3, 1 / 0.3)
+    moved = np.zeros((len(settlements), len(fixed)))
+    moved[:, down] = -np.array(settlements)[:, None]
+    soil = DruckerPrager(0.3, beta, 1 / 0.3)
     ground = Soil.of_body(body, law=soil)
     last = Structure([], [ground], None, fixed).solve(None, moved)[-1]
     return float(-last.support[down].sum())
@@ -177,3 +184,13 @@ def test_strip_footing_under_refinement() -> None:
     over = [footing(n) / prandtl() - 1 for n in (4, 8)]
     # At least of first order in the size of the cells at the edge.
     assert 0 < over[1] < 0.5 * over[0]
+
+
+@pytest.mark.slow
+def test_strip_footing_without_dilatancy() -> None:
+    # Newton's method, passes and the rate term with one hardening all stall at the tenth step;
+    # with less and less hardening the slips settle.
+    steps = tuple(np.linspace(0.005, 0.15, 30)[:12])
+    force = footing(6, 0.0, steps, kind="quadrilateral")
+    # The limit is below that of associated flow, 1.7 % above the closed form on these cells.
+    assert 0.95 < force / prandtl() < 1.02
