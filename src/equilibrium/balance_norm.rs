@@ -14,7 +14,8 @@ use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::{Options, Symbolic};
 
-/// `‖T⁻ᵀ (Rᵀ r + e)‖/‖T⁻ᵀ e‖`; zero without an imbalance.
+/// `‖T⁻ᵀ (Rᵀ r + e)‖/‖T⁻ᵀ e‖`, zero without an imbalance, and its rounding floor: the imbalance
+/// that rounding of `r` leaves.
 ///
 /// # Errors
 /// [`Error::DependentMotion`] if the columns of `R` are dependent, [`Error::Interrupted`].
@@ -23,7 +24,7 @@ pub fn measure_imbalance(
     reaction: &[f64],
     load: &[f64],
     stop: &AtomicBool,
-) -> Result<f64, Error> {
+) -> Result<(f64, f64), Error> {
     let lengths = statics.column_lengths();
     let factor = factor_gram(statics, &lengths, stop)?;
     let size = |force: &[f64]| {
@@ -31,8 +32,19 @@ pub fn measure_imbalance(
         factor.condense(&mut scaled, 1);
         norm(&scaled)
     };
+    let mut squares: Vec<f64> = load.iter().map(|e| e * e).collect();
+    for (row, &r) in reaction.iter().enumerate() {
+        for (j, value) in statics.row(row) {
+            squares[j] += (value * r).powi(2);
+        }
+    }
+    let rounding: Vec<f64> = squares.iter().map(|s| f64::EPSILON * s.sqrt()).collect();
     let left = size(&statics.imbalance(reaction, load));
-    Ok(if left == 0.0 { 0.0 } else { left / size(load) })
+    Ok(if left == 0.0 {
+        (0.0, 0.0)
+    } else {
+        (left / size(load), size(&rounding) / size(load))
+    })
 }
 
 /// The factor of `Rᵀ R`, with columns of length 1 and circular cones.

@@ -103,7 +103,7 @@ impl PyStatics {
         length("reaction", reaction.len(), statics.rows())?;
         length("load", load.len(), statics.motions())?;
         run(py, None, |limits| {
-            measure_imbalance(statics, reaction, load, limits.stop)
+            Ok(measure_imbalance(statics, reaction, load, limits.stop)?.0)
         })
     }
 

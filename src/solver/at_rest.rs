@@ -109,7 +109,9 @@ pub fn solve_at_rest<const D: usize>(
 ) -> Result<Solution<D>, Error> {
     let started = Instant::now();
     let decision = decide(statics, load, limits)?;
-    let residual = measure_imbalance(statics, &decision.reaction, load, limits.stop)?;
+    let (residual, floor) = measure_imbalance(statics, &decision.reaction, load, limits.stop)?;
+    let tolerance = tol.max(floor);
+    let seconds = started.elapsed().as_secs_f64();
     let reaction = decision.reaction.as_chunks::<D>().0.to_vec();
     let status = |(contact, r): (usize, &[f64; D])| {
         if r.iter().all(|&c| c == 0.0) {
@@ -129,15 +131,17 @@ pub fn solve_at_rest<const D: usize>(
         rigid_motion: vec![0.0; load.len()],
         outcome: match decision.verdict {
             Verdict::None => Outcome::NoEquilibrium,
-            Verdict::Balanced if residual <= tol => Outcome::Converged,
+            Verdict::Balanced if residual <= tolerance => Outcome::Converged,
+            _ if seconds >= limits.seconds => Outcome::TimeLimit,
             _ => Outcome::Stalled,
         },
         free_motion: decision.motion,
         reaction,
         residual,
-        tolerance: tol,
+        floor,
+        tolerance,
         history: vec![(0.0, residual)],
-        seconds: started.elapsed().as_secs_f64(),
+        seconds,
         ..Solution::default()
     })
 }

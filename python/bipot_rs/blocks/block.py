@@ -166,6 +166,11 @@ class Block:
             nodes = nodes[nodes != np.roll(nodes, -1)]
             if len(nodes) >= 3:
                 joined.append(nodes)
+        if not joined:
+            raise ValueError(
+                f"all faces of block {self.name!r} are points or edges, expected a body that is "
+                "not flat"
+            )
         return corners, tuple(joined)
 
     def _check_closed(self, corners: Floats) -> None:

@@ -79,6 +79,8 @@ def find_interfaces(
         Largest distance of faces that touch, and least width of an interface, relative to
         the smaller block.
     """
+    if not tolerance > 0:
+        raise ValueError(f"tolerance is {tolerance:g}, expected a positive number")
     pieces = _split_faces(blocks)
     size = np.array([block.size for block in blocks])
     reach = tolerance * size[pieces.block][:, None]

@@ -52,14 +52,23 @@ def read(path: str | os.PathLike[str], *, density: float = 1.0) -> BlockFile:
         try:
             data = json.loads(file.read_text(encoding="utf-8-sig"))
             whole = _read_json(data, density)
-        except (KeyError, TypeError, json.JSONDecodeError) as error:
+        except (
+            AttributeError,
+            IndexError,
+            KeyError,
+            TypeError,
+            UnicodeDecodeError,
+            json.JSONDecodeError,
+        ) as error:
             raise ValueError(
                 f"{file} cannot be read as an assembly of blocks: "
                 f"{type(error).__name__}, {error}"
             ) from None
     elif suffix == ".obj":
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-        whole = BlockFile(_read_obj(lines, density), None)
+        # Comments may have any encoding; a line may continue on the next one.
+        text = file.read_text(encoding="utf-8-sig", errors="replace")
+        lines = text.replace("\\\n", " ").splitlines()
+        whole = BlockFile(_read_obj(file, lines, density), None)
     else:
         whole = BlockFile(_read_surfaces(file, density), None)
     if not whole.blocks:
@@ -102,21 +111,27 @@ def _read_json(data: Mapping[str, Any], density: float) -> BlockFile:
     return BlockFile(blocks, stored or None)
 
 
-def _read_obj(lines: Sequence[str], density: float) -> list[Block]:
+def _read_obj(file: Path, lines: Sequence[str], density: float) -> list[Block]:
     points: list[list[float]] = []
     faces: dict[str, list[list[int]]] = {}
     name = "0"
-    for line in lines:
+    for number, line in enumerate(lines, 1):
         word, *values = line.split() or [""]
-        if word in ("o", "g"):
-            name = " ".join(values) or name
-        elif word == "v":
-            points.append([float(x) for x in values[:3]])
-        elif word == "f":
-            # Numbers count from 1, or from the last corner if they are negative.
-            corners = [int(x.split("/")[0]) for x in values]
-            face = [k - 1 if k > 0 else len(points) + k for k in corners]
-            faces.setdefault(name, []).append(face)
+        try:
+            if word in ("o", "g"):
+                name = " ".join(values) or name
+            elif word == "v":
+                x, y, z = map(float, values[:3])
+                points.append([x, y, z])
+            elif word == "f":
+                # Numbers count from 1, or from the last corner if they are negative.
+                corners = [int(value.split("/")[0]) for value in values]
+                face = [k - 1 if k > 0 else len(points) + k for k in corners]
+                faces.setdefault(name, []).append(face)
+        except ValueError as error:
+            raise ValueError(
+                f"{file} cannot be read at line {number}, {line!r}: {error}"
+            ) from None
     whole = np.array(points).reshape(-1, 3)
     return [_take_part(name, whole, part, density) for name, part in faces.items()]
 

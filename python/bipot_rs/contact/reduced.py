@@ -494,6 +494,11 @@ class ReducedProblem:
             Limit of time of each of the programmes; after it the verdict is
             ``"undecided"``.
 
+        Raises
+        ------
+        TypeError, ValueError
+            ``max_seconds`` is not a positive number.
+
         Examples
         --------
         A block on a plane with friction 0.5, pulled to the side by 0.4 of its weight:
@@ -509,6 +514,7 @@ class ReducedProblem:
         """
         from bipot_rs.contact.proof.equilibrium import Equilibrium, read_decision
 
+        max_seconds = settings("auto", 1e-10, None, max_seconds).max_seconds
         if self.rigid is None or not self._motions:
             return Equilibrium(
                 verdict="balanced",
@@ -741,7 +747,9 @@ def _check_motions(R: MatrixLike) -> Floats | CsrMatrix:
     """``R`` of rigid, with its numbers checked."""
     if not hasattr(R, "tocsr"):
         return floats("R of rigid", R, ndim=2)
-    sparse = csr("R of rigid", R).matrix
+    from scipy.sparse import csr_array
+
+    sparse: CsrMatrix = csr_array(csr("R of rigid", R).matrix, dtype=np.float64)
     still = np.flatnonzero(abs(sparse).sum(axis=0) == 0)
     if len(still):
         raise FloatingBodyError(

@@ -253,6 +253,7 @@ def test_no_support_is_an_error() -> None:
     [
         ({"supports": ["c"]}, "there is no block 'c'"),
         ({"supports": ["a", "b"]}, "all blocks are supports"),
+        ({"tolerance": -1e-4}, "tolerance is -0.0001, expected a positive number"),
         ({"stiffness": (1.0, 0.0)}, "expected positive numbers"),
         ({"gravity": [0, 0, -1]}, r"gravity has shape \(3,\), expected \(2,\)"),
     ],

@@ -82,6 +82,7 @@ def test_an_inverted_mesh_is_refused() -> None:
         ([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]], "has no faces"),
         ([[0, 0, 0], [1, 0, 0], [1, 1, 0]], None, "has 0 faces"),
         (np.eye(3), [[0, 1, 2]] * 3 + [[0, 1, 3]], "numbers of corners below 3"),
+        (np.zeros((3, 3)), [[0, 1, 2]] * 4, "all faces of block 'bad' are points"),
     ],
 )
 def test_refused_points(points: object, faces: object, message: str) -> None:

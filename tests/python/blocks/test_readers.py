@@ -138,7 +138,15 @@ def test_surfaces_of_an_stl_file(tmp_path: Path) -> None:
         ("a.json", "[]", "cannot be read as an assembly of blocks: TypeError"),
         ("a.json", '{"blocks": []}', "has no blocks"),
         ("a.json", '{"blocks": [{"nam": 1}]}', "unexpected keyword argument 'nam'"),
+        (
+            "a.json",
+            '{"data": {"graph": {"data": {"node": [], "edge": {}}}}}',
+            "cannot be read as an assembly of blocks: AttributeError",
+        ),
         ("a.obj", "v 0 0 0\n", "has no blocks"),
+        ("a.obj", "o a\nv 0 0 b\n", r"a.obj cannot be read at line 2, 'v 0 0 b'"),
+        ("a.obj", "v 0 0\n", r"a.obj cannot be read at line 1, 'v 0 0'"),
+        ("a.obj", "v 0 0 0\nf 1 a\n", r"a.obj cannot be read at line 2, 'f 1 a'"),
     ],
 )
 def test_files_without_blocks(
@@ -147,3 +155,10 @@ def test_files_without_blocks(
     (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=message):
         read(tmp_path / name)
+
+
+def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "binary.json"
+    file.write_bytes(b"\xff\xfe{")
+    with pytest.raises(ValueError, match=r"binary\.json cannot be read"):
+        read(file)

@@ -227,6 +227,19 @@ def test_a_sparse_R_is_taken_as_a_dense_one(heap: Heap) -> None:
         bp.ReducedProblem(dense.W, dense.q, heap.mu, rigid=(still, heap.e[:2]))
 
 
+@pytest.mark.parametrize("kind", [int, np.float32, bool])
+def test_a_sparse_R_may_hold_other_numbers(kind: type) -> None:
+    R = csr_array(np.array([[1, 0], [0, 1]]).astype(kind))
+    assert check(rigid(R, np.array([-1.0, 0.5]), 0.5, 2)) == "balanced"
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, np.nan])
+def test_a_limit_of_time_is_positive(seconds: float) -> None:
+    problem = block(np.array([0.0, 0, -1, 0, 0, 0]), 0.5)
+    with pytest.raises(ValueError, match=r"max_seconds is .*, expected a positive"):
+        problem.equilibrium(max_seconds=seconds)
+
+
 def test_cohesion_holds_a_block_beyond_friction() -> None:
     # Two corners hold 0.5 of the weight 1, and 0.1 each, at most.
     R = np.array([[1.0, 0, -1], [0, 1, 1], [1, 0, 1], [0, 1, 1]])
@@ -325,6 +338,12 @@ def test_many_blocks_need_no_dense_R() -> None:
             assert problem.residual(solution.reaction) <= 1e-10
             assert solution.unique == "others exist"
             assert not solution.relative_displacement.any()
+    # No tolerance is below rounding.
+    problem = towers(20, 20, 9.0)
+    solution = problem.solve(tol=1e-30)
+    assert solution.converged
+    assert 1e-30 < solution.tolerance < 1e-14
+    assert str(problem.solve(max_seconds=1e-9).outcome) == "time_limit"
     # The same residual as with a dense R.
     small = towers(2, 3, 1.0)
     assert small.rigid is not None
