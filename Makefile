@@ -194,6 +194,7 @@ bench-full: $(STAMP)
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/granular.py
 	$(PY) benches/load_paths.py
+	$(PY) benches/moving_states.py
 	$(PY) benches/sensitivities.py
 	$(PY) benches/identification.py
 	$(PY) benches/stability.py

@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from moving_states import WALLS
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import coo_array, csc_array, hstack
@@ -42,39 +43,17 @@ def arch(thickness: float, *, radius: float = 1.0, voussoirs: int = 30) -> list[
     return [ground, *stones]
 
 
-# Rows of bricks from the bottom; a negative length is an opening. Walls 1 to 4 and 6 of
-# Ferris and Tin-Loi (2001), with the geometry of a public example of HybriDFEM.
-_EVEN, _ODD = [0.5, 1, 1, 1, 1, 0.5], [1, 1, 1, 1, 1]
-_SOLID = [[1, 1, 1, 1], [0.5, 1, 1, 1, 0.5]]
-_WINDOW = [[0.5, 1, -1, 1, 0.5], [1, 0.5, -1, 0.5, 1]]
-_TWO = [[1, -1, 1, -1, 1], [0.5, 0.5, -1, 0.5, 0.5, -1, 0.5, 0.5]]
-_LONG = [[0.5, *[1] * 6, 0.5], [1] * 7]
-_OPEN = [[0.5, 1, -1, 1, 1, -1, 1, 0.5], [1, 0.5, -1, 0.5, 1, 0.5, -1, 0.5, 1]]
-_STOREY = [_OPEN[0], _OPEN[1], _OPEN[0], _OPEN[1], _OPEN[0]]
-WALLS = {
-    1: [_EVEN, _ODD] * 3,
-    2: [_EVEN, _ODD] * 5,
-    3: [
-        *(_SOLID[0], _SOLID[1], _SOLID[0]),
-        *(_WINDOW[0], _WINDOW[1], _WINDOW[0], _WINDOW[1], _WINDOW[0]),
-        *(_SOLID[0], _SOLID[1], _SOLID[0]),
-    ],
-    4: [
-        *(_EVEN, _ODD, _EVEN, _TWO[0], _TWO[1], _TWO[0], _TWO[1], _TWO[0]),
-        *(_EVEN, _ODD, _EVEN),
-    ],
-    6: [
-        *(_LONG[0], _LONG[1], _LONG[0], _LONG[1], *_STOREY, _LONG[1], _LONG[0]),
-        *(_LONG[1], *_STOREY, _LONG[1], _LONG[0], _LONG[1], _LONG[0]),
-    ],
-}
 # Largest horizontal load as a multiple of the weight, to the digits of a linear programme
 # of another assembly of these walls.
 LIMITS = {1: 0.642859, 2: 0.579999, 3: 0.403694, 4: 0.331948, 6: 0.347825}
 
 
 def wall(number: int) -> list[Block]:
-    """Bricks of 0.4 m by 0.175 m on the ground; for friction 0.65."""
+    """Bricks of 0.4 m by 0.175 m on the ground; for friction 0.65.
+
+    Walls 1 to 4 and 6 of Ferris and Tin-Loi (2001), with the geometry of a public example
+    of HybriDFEM.
+    """
     long, high = 0.4, 0.175
     blocks = [box("ground", (-1, -1), (5, 0), support=True)]
     for k, row in enumerate(WALLS[number]):

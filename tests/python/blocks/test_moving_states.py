@@ -1,0 +1,67 @@
+"""Exact moving states: a stone that slides or tips at a load by hand, and a wall."""
+
+import moving_states as bench
+import numpy as np
+import pytest
+
+from bipot_rs.blocks import assemble
+from support.masonry import box
+
+
+def stand(width: float, height: float) -> bench.Wall:
+    """A stone on the ground with friction 0.5."""
+    ground = box("ground", (-9, -1), (9, 0), support=True)
+    return bench.prepare(assemble([ground, box("a", (0, 0), (width, height))], 0.5))
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "load"),
+    # It slides at μ, or tips about its corner at width/height.
+    [(3.0, 1.0, 0.5), (1.0, 4.0, 0.25)],
+)
+def test_a_stone_that_moves(width: float, height: float, load: float) -> None:
+    wall = stand(width, height)
+    state, _ = bench.find_moving(wall, np.full(4, 1e-5))
+    states = bench.find_range(wall, *bench.sort_contacts(wall, state))
+    assert len(states) == 2
+    for end in states:
+        # Rounding of a linear programme with 8 unknowns of size 1.
+        assert end.load == pytest.approx(load, rel=1e-13)
+        assert bench.judge(wall, end) < 1e-13
+
+
+def test_the_judge_finds_each_violation() -> None:
+    """Each change of the sliding stone breaks one condition by 0.1 or more."""
+    wall = stand(3.0, 1.0)
+    # The push of 0.5 at half the height presses the right corner more, by 1/6.
+    right, left = 0.5 + 1 / 12, 0.5 - 1 / 12
+    r_n = np.where(wall.problem.points[:, 0] > 1, right, left)
+    along = np.sign(wall.push[0] * wall.R.toarray()[1::2, 0])
+    exact = bench.State(
+        np.column_stack([r_n, -0.5 * r_n * along]), np.array([1.0, 0.0, 0.0]), 0.5
+    )
+    # Sums of four numbers of size 1.
+    assert bench.judge(wall, exact) < 1e-15
+    upward = np.array([0.0, 0.2, 0.0])
+    changed = (
+        exact._replace(load=0.7),
+        exact._replace(reaction=exact.reaction * [1.0, 1.3]),
+        exact._replace(reaction=exact.reaction * [1.0, -1.0]),
+        exact._replace(reaction=exact.reaction * [1.0, 0.5]),
+        exact._replace(motion=exact.motion - upward),
+        exact._replace(motion=exact.motion + upward),
+        exact._replace(motion=1.2 * exact.motion),
+    )
+    for wrong in changed:
+        assert bench.judge(wall, wrong) > 0.1
+
+
+@pytest.mark.slow
+def test_wall_3_moves_below_its_largest_static_load() -> None:
+    wall = bench.build(3)
+    state, _ = bench.find_moving(wall, np.full(wall.R.shape[0], bench.COMPLIANCE))
+    least, most = bench.find_range(wall, *bench.sort_contacts(wall, state))
+    # The load of a state that another program found, to its digits.
+    assert least.load == pytest.approx(0.3558174, abs=1e-7)
+    assert most.load == pytest.approx(0.3558174, abs=1e-7)
+    assert max(bench.judge(wall, end) for end in (least, most)) <= bench.EXACT
