@@ -46,6 +46,33 @@ def test_a_stone_that_stands(bipot: Any, tmp_path: Path) -> None:
     assert "(1, 0) may be added 0.5 times" in out
 
 
+def test_without_a_limit_the_json_has_null(bipot: Any, tmp_path: Path) -> None:
+    """A stone between two walls, which may press it as much as they like."""
+    blocks = [
+        {
+            "name": name,
+            "points": [[x, 0], [x + 1, 0], [x + 1, 1], [x, 1]],
+            "support": name != "stone",
+        }
+        for x, name in enumerate(("left", "stone", "right"))
+    ]
+    file = tmp_path / "walls.json"
+    file.write_text(json.dumps({"blocks": blocks}))
+    arguments = ("blocks", str(file), "--mu", "0.5")
+    status, out, _ = bipot(*arguments, "--push", "0,1", "--ranges", "--json")
+    assert status == 0
+
+    def refuse(constant: str) -> None:
+        raise ValueError(constant)
+
+    report = json.loads(out, parse_constant=refuse)
+    assert report["largest_push"] is None
+    assert [interval["largest"] for interval in report["ranges"]] == [None, None]
+    status, out, _ = bipot(*arguments, "--push", "0,1", "--ranges")
+    assert "a push along (0, 1) of any size is carried" in out
+    assert "inf" in out
+
+
 def test_a_stone_that_falls(bipot: Any, tmp_path: Path) -> None:
     file = write_stack(tmp_path, 1.25)
     arguments = ("blocks", file, "--mu", "0.6", "--support", "foot")
@@ -83,6 +110,7 @@ def test_a_file_of_compas(bipot: Any) -> None:
         ((SHELF, "--support", "0"), "required: --mu"),
         ((SHELF, "--mu", "-1", "--support", "0"), "mu"),
         ((SHELF, "--mu", "1", "--support", "0", "--push", "1,0"), "shape (2,)"),
+        ((SHELF, "--mu", "0.2", "--support", "0", "--push", "1,0"), "shape (2,)"),
         (
             (SHELF, "--mu", "1", "--support", "0", "--push", "1,a"),
             "'a' is not a number",

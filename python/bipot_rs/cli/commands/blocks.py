@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from bipot_rs.cli.progress import complain, line, tell
 from bipot_rs.cli.text_table import format_table
 
 if TYPE_CHECKING:
+    from bipot_rs._lib.types import Floats
     from bipot_rs.blocks.problem import BlockProblem
 
 SUMMARY = "Decide whether rigid blocks stand, with a proof."
@@ -95,6 +97,7 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
         interfaces=file.interfaces if found.tolerance is None else None,
         tolerance=1e-4 if found.tolerance is None else found.tolerance,
     )
+    live = None if found.push is None else problem.body_force(found.push)
     equilibrium = problem.equilibrium()
     report: dict[str, Any] = {
         "blocks": len(problem.blocks),
@@ -112,8 +115,8 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     if equilibrium.motion is not None:
         rows = problem.moves(equilibrium.motion).tolist()
         report["motion"] = dict(zip(problem.names, rows, strict=True))
-    if found.push is not None and stands:
-        texts.append(_find_limit(problem, found.push, report))
+    if live is not None and stands:
+        texts.append(_find_limit(problem, found.push, live, report))
     if found.ranges and stands:
         texts.append(_find_ranges(problem, report))
     if found.out is not None:
@@ -134,10 +137,13 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
 
 
 def _find_limit(
-    problem: BlockProblem, push: tuple[float, ...], report: dict[str, Any]
+    problem: BlockProblem,
+    push: tuple[float, ...],
+    live: Floats,
+    report: dict[str, Any],
 ) -> str:
-    limit = problem.limit_multiplier(problem.rigid[1], problem.body_force(push))
-    report["largest_push"] = limit.upper
+    limit = problem.limit_multiplier(problem.rigid[1], live)
+    report["largest_push"] = _bound_of_json(limit.upper)
     if limit.mechanism is None:
         return f"a push along {place(push)} of any size is carried"
     report["mechanism"] = problem.describe(limit.mechanism)
@@ -147,12 +153,18 @@ def _find_limit(
     )
 
 
+def _bound_of_json(bound: float) -> float | None:
+    """The bound, or None without one: JSON has no infinite numbers."""
+    return bound if math.isfinite(bound) else None
+
+
 def _find_ranges(problem: BlockProblem, report: dict[str, Any]) -> str:
     rows, report["ranges"] = [], []
     for k, interface in enumerate(problem.interfaces):
         names = [problem.names[interface.first], problem.names[interface.second]]
         least, largest = problem.normal_range(k)
-        report["ranges"].append({"between": names, "least": least, "largest": largest})
+        ends = {"least": least, "largest": _bound_of_json(largest)}
+        report["ranges"].append({"between": names, **ends})
         rows.append([*names, f"{least:.6g}", f"{largest:.6g}"])
     return format_table(["block", "block", "least", "largest"], rows)
 

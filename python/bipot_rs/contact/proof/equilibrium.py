@@ -145,7 +145,7 @@ def read_decision(
             )
     else:
         reason = (
-            f"the largest margin is {decision.relative_margin:.0e} of the mean load; the "
+            f"the largest margin found is {decision.relative_margin:.0e} of the mean load; the "
             f"reactions found leave {decision.imbalance:.0e} of the loads out of balance, "
             "and no motion proves that there are none"
         )
