@@ -270,9 +270,7 @@ def write_table(rows):
                 ends["static"][0][1],
                 ", ".join(a if a == b else f"{a} to {b}" for a, b in ranges)
                 or "none computed",
-                " to ".join(
-                    f"{float(end):.4f}" for pair in ends["path"] for end in pair
-                )
+                " to ".join(end for pair in ends["path"] for end in pair)
                 or "not computed",
             )
         )
