@@ -413,7 +413,7 @@ class ReducedProblem:
         TypeError, ValueError
             An argument is wrong; the message names it.
         NotConvergedError, NoEquilibriumError
-            There is no solution to start from.
+            There is no solution to start from; or a bound was not found to 1e-3.
 
         Examples
         --------

@@ -25,6 +25,7 @@ from bipot_rs.plots.geometry.boundary_facets import skin
 from bipot_rs.plots.space import sharp_edges
 from bipot_rs.plots.surface import span
 from support.layout import overlaps
+from support.masonry import assemble, box
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 
@@ -68,6 +69,14 @@ def decided(line: Any) -> tuple[fem.Assembly, Any]:
     """The gradient of the energy that friction dissipates."""
     model, result = line
     return model, dissipation_gradient(result)
+
+
+@pytest.fixture(scope="module")
+def stacked() -> tuple[None, Any]:
+    """Two blocks on the ground."""
+    ground = box("ground", (-9, -1), (9, 0), support=True)
+    tower = [box("a", (0, 0), (2, 2)), box("b", (0, 2), (2, 4))]
+    return None, assemble([ground, *tower], 0.5)
 
 
 @pytest.fixture(scope="module")
@@ -814,6 +823,7 @@ PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
     "tractions": (plots.tractions, "line", False, {}),
     "slip": (plots.slip, "line", False, {}),
     "wear": (plots.wear, "worn", False, {}),
+    "blocks": (plots.blocks, "stacked", False, {"names": True}),
     "pressure by cycle": (plots.wear, "worn", False, {"quantity": "pressure"}),
     "band": (plots.reaction_band, "ranges", False, {"contacts": {"x": SUPPORTS}}),
     "by friction": (
@@ -846,6 +856,7 @@ PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
 @pytest.mark.parametrize("name", PICTURES)
 @pytest.mark.quick_variants(
     "band",
+    "blocks",
     "by friction",
     "by gap",
     "by name",

@@ -17,6 +17,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
+from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.proof.cone_set import make_cone_set
 from bipot_rs.contact.proof.existence import find_scale, make_dense
 from bipot_rs.contact.results.solution import Solution
@@ -31,6 +32,8 @@ _DENSE = 600
 # A reaction that changes by less than this along unit vectors of the null space, whose
 # errors are roundings over the least singular value that is not zero, is determined.
 _DETERMINED = 1e-10
+# A gap above this share of the bounds and of the largest reaction leaves a range without use.
+_USEFUL = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -224,6 +227,14 @@ class _Answers:
                 direction /= np.abs(direction[:, 0]).max()
                 ends.append((-sign * np.inf, self.found, direction, 0.0))
         low, high = ends
+        gap = max(low[3], high[3])
+        bounds = [abs(value) for value, _, way, _ in ends if way is None]
+        if not gap <= _USEFUL * max(unit, abs(reaction_here), *bounds):
+            raise NotConvergedError(
+                f"the range of component {component} of the reaction of contact {contact} was "
+                f"not found: its ends may be off by {gap:.1e}, because the law leaves the "
+                "reactions almost no room"
+            )
         return ReactionRange(
             contact=contact,
             component=component,
@@ -234,7 +245,7 @@ class _Answers:
             reaction_at_largest=high[1],
             direction_to_least=low[2],
             direction_to_largest=high[2],
-            gap=max(low[3], high[3]),
+            gap=gap,
         )
 
 

@@ -370,3 +370,57 @@ def test_wrong_arguments() -> None:
         problem.reaction_ranges(solution=problem.solve(max_iterations=1, tol=1e-300))
     with pytest.raises(bp.NoEquilibriumError):
         bp.ReducedProblem(np.zeros((2, 2)), [[-1.0, 0.0]], 0.0).reaction_ranges()
+
+
+def test_a_range_with_a_wide_gap_is_refused() -> None:
+    """Three bodies whose reactions have almost no room: the least margin is rounding."""
+    twice = np.array(
+        [
+            [0, 2, 0, 0, 0, 0, 0, 0, 0],
+            [-2, 0, -1, 0, 0, 0, 0, 0, 0],
+            [-1, 2, 1, 0, 0, 0, 0, 0, 0],
+            [-2, -1, 0, 0, 0, 0, 0, 0, 0],
+            [-1, 2, 0, 0, 0, 0, 0, 0, 0],
+            [-2, -1, -2, 0, 0, 0, 0, 0, 0],
+            [1, 2, 1, 0, 0, 0, 0, 0, 0],
+            [-2, 1, 0, 0, 0, 0, 0, 0, 0],
+            [0, 2, 0, 0, 0, 0, 0, 0, 0],
+            [-2, 0, 0, 0, 0, 0, 0, 0, 0],
+            [1, 2, 0, 0, 0, 0, 0, 0, 0],
+            [-2, 1, 0, 0, 0, 0, 0, 0, 0],
+            [-1, -2, 1, 1, 2, 1, 0, 0, 0],
+            [2, -1, -2, -2, 1, 1, 0, 0, 0],
+            [0, 0, 0, 0, 2, 1, 0, 0, 0],
+            [0, 0, 0, -2, 0, -2, 0, 0, 0],
+            [0, -2, 1, 0, 2, 1, 0, 0, 0],
+            [2, 0, -1, -2, 0, -2, 0, 0, 0],
+            [0, 0, 0, 1, 2, 1, 0, 0, 0],
+            [0, 0, 0, -2, 1, 1, 0, 0, 0],
+            [0, 0, 0, 0, -2, 2, 0, 2, 0],
+            [0, 0, 0, 2, 0, -2, -2, 0, 0],
+            [0, 0, 0, -1, -2, 1, 1, 2, 1],
+            [0, 0, 0, 2, -1, -2, -2, 1, 0],
+        ]
+    )
+    e = [
+        0.0,
+        -1.761758647942574,
+        0.0,
+        0.0,
+        -1.4571848348330367,
+        0.0,
+        0.0,
+        -1.974249277335478,
+        0.0,
+    ]
+    problem = bp.ReducedProblem(
+        np.zeros((24, 24)), np.zeros((12, 2)), 1.5, rigid=(twice / 2, e)
+    )
+    assert problem.equilibrium().verdict == "balanced"
+    # Whether rounding lets the programme end well depends on the machine.
+    try:
+        bounds = problem.reaction_range(0)
+    except bp.NotConvergedError as error:
+        assert "of contact 0 was not found" in str(error)
+    else:
+        assert bounds.gap <= 1e-3 * np.abs(e).max()
