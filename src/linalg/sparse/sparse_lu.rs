@@ -3,7 +3,6 @@
 //! The tree of fronts is that of the pattern, ordered once for all its matrices. Rows are
 //! exchanged within the pivots of a front only: the fill is as counted, and a matrix that needs
 //! other exchanges counts as singular.
-//! was counted, and a matrix that would need more is called singular.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
