@@ -16,10 +16,21 @@ from bipot_rs.blocks.interfaces import Interface, make_interface
 
 
 class BlockFile(NamedTuple):
-    """What a file says of blocks; ``interfaces`` is None if it has none."""
+    """What a file says of blocks.
+
+    Attributes
+    ----------
+    blocks
+        The blocks.
+    interfaces
+        Their interfaces; ``None`` if the file has none.
+    keys
+        Names of the blocks by the keys of their nodes, where blocks have other names.
+    """
 
     blocks: list[Block]
     interfaces: list[Interface] | None
+    keys: Mapping[str, str] = {}
 
 
 def read(path: str | os.PathLike[str], *, density: float = 1.0) -> BlockFile:
@@ -108,7 +119,8 @@ def _read_json(data: Mapping[str, Any], density: float) -> BlockFile:
         for v, edge in ends.items()
         for one in edge.get("interfaces") or []
     ]
-    return BlockFile(blocks, stored or None)
+    keys = {key: block.name for key, block in zip(nodes, blocks, strict=True)}
+    return BlockFile(blocks, stored or None, keys if named else {})
 
 
 def _read_obj(file: Path, lines: Sequence[str], density: float) -> list[Block]:

@@ -17,7 +17,7 @@ SHELF = ROOT / "docs" / "tutorials" / "shelf-stable.json"
 
 
 def test_an_assembly_of_compas() -> None:
-    blocks, interfaces = read(SHELF, density=2.0)
+    blocks, interfaces, _ = read(SHELF, density=2.0)
     assert len(blocks) == 9
     assert interfaces is None
     assert {block.name for block in blocks} == set(map(str, range(9)))
@@ -30,7 +30,7 @@ def test_an_assembly_of_compas() -> None:
 
 def test_interfaces_of_a_file() -> None:
     """An interlocking joint: those stored, and those found, which join what is coplanar."""
-    blocks, stored = read(DATA / "concave-short.json")
+    blocks, stored, _ = read(DATA / "concave-short.json")
     assert stored is not None
     found = bp.blocks.find_interfaces(blocks)
     assert (len(stored), len(found)) == (7, 6)
@@ -56,11 +56,13 @@ def test_names_and_supports_of_compas(tmp_path: Path) -> None:
         node["block"]["data"]["attributes"]["name"] = f"part {key}"
     file = tmp_path / "named.json"
     file.write_text(json.dumps(data))
-    blocks, _ = read(file)
+    blocks, _, keys = read(file)
     assert {block.name: block.support for block in blocks} == {
         "part 0": True,
         "part 1": False,
     }
+    # A support may be named by the key of its node, as in the scripts of COMPAS.
+    assert keys == {"0": "part 0", "1": "part 1"}
 
 
 def test_points_in_json(tmp_path: Path) -> None:

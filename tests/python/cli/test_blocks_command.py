@@ -24,6 +24,18 @@ def write_stack(folder: Path, overhang: float) -> str:
     return str(file)
 
 
+def test_a_support_by_the_key_of_its_node(bipot: Any, tmp_path: Path) -> None:
+    data = json.loads(Path(SHELF).read_text())
+    nodes = data["data"]["graph"]["data"]["node"]
+    for key, node in nodes.items():
+        node["block"]["data"].setdefault("attributes", {})["name"] = f"part {key}"
+    file = tmp_path / "named.json"
+    file.write_text(json.dumps(data))
+    for name in ("0", "part 0"):
+        status, out, _ = bipot("blocks", str(file), "--mu", "0.9", "--support", name)
+        assert (status, out.splitlines()[1][:9]) == (0, "balanced:")
+
+
 def test_a_stone_that_stands(bipot: Any, tmp_path: Path) -> None:
     """Its centre is a quarter from the edge; a push of that over half the height topples it."""
     file = write_stack(tmp_path, 0.75)

@@ -43,7 +43,8 @@ def add_arguments(parser: shared.Parser) -> None:
         action="extend",
         default=[],
         metavar="NAME",
-        help="Blocks that are held, besides those that the file marks as supports.",
+        help="Blocks that are held, by name or by key of the node, besides those that the "
+        "file marks as supports.",
     )
     parser.add_argument(
         "--density",
@@ -92,7 +93,7 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     problem = assemble(
         file.blocks,
         found.mu,
-        supports=found.support,
+        supports=[file.keys.get(name, name) for name in found.support],
         gravity=found.gravity,
         interfaces=file.interfaces if found.tolerance is None else None,
         tolerance=1e-4 if found.tolerance is None else found.tolerance,
