@@ -60,6 +60,21 @@ pub struct Decision {
     pub imbalance: f64,
 }
 
+impl Decision {
+    /// No reactions, which balance no loads, with a margin.
+    fn begin(statics: &Statics, margin: f64) -> Self {
+        Self {
+            verdict: Verdict::Balanced,
+            reaction: vec![0.0; statics.friction.len()],
+            motion: Vec::new(),
+            margin,
+            relative_margin: margin,
+            excluded: 0.0,
+            imbalance: 0.0,
+        }
+    }
+}
+
 /// Decides whether `Rᵀ r + e = 0` for some `r` of the cones.
 ///
 /// # Errors
@@ -81,15 +96,7 @@ pub fn decide(statics: &Statics, load: &[f64], limits: Limits) -> Result<Decisio
     }
     let lengths = statics.column_lengths();
     let mut place = vec![0; statics.motions];
-    let mut whole = Decision {
-        verdict: Verdict::Balanced,
-        reaction: vec![0.0; statics.friction.len()],
-        motion: Vec::new(),
-        margin: f64::INFINITY,
-        relative_margin: f64::INFINITY,
-        excluded: 0.0,
-        imbalance: 0.0,
-    };
+    let mut whole = Decision::begin(statics, f64::INFINITY);
     for group in &statics.groups() {
         let part = Part::new(statics, group, &lengths, load, &mut place);
         let decision = decide_part(statics, &part, &lengths, load, limits)?;
@@ -122,15 +129,7 @@ fn decide_part(
     load: &[f64],
     limits: Limits,
 ) -> Result<Decision, Error> {
-    let mut decision = Decision {
-        verdict: Verdict::Balanced,
-        reaction: vec![0.0; statics.friction.len()],
-        motion: Vec::new(),
-        margin: 0.0,
-        relative_margin: 0.0,
-        excluded: 0.0,
-        imbalance: 0.0,
-    };
+    let mut decision = Decision::begin(statics, 0.0);
     if part.load_size() == 0.0 {
         return Ok(decision);
     }

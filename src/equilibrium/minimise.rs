@@ -57,14 +57,11 @@ impl ConeSet {
         programme.equal(self.right.len());
         let mut first = 0;
         for &size in &self.sizes {
-            let used = |row: usize| self.offset[row] != 0.0 || !self.rows.is_empty_row(row);
-            let rows: Vec<usize> = (first..first + size).collect();
-            // A half-line has no other component.
-            let flat = !rows[1..].iter().any(|&row| used(row));
-            for &row in &rows[..if flat { 1 } else { size }] {
+            let count = self.count_rows(first, size);
+            for row in first..first + count {
                 programme.push(self.offset[row], entries(&self.rows, row));
             }
-            if flat {
+            if count == 1 {
                 programme.nonnegative(1);
             } else {
                 programme.circular(size);
@@ -87,15 +84,23 @@ impl ConeSet {
         Ok(optimum)
     }
 
+    /// Number of rows of a cone in the programme: a half-line has no other component.
+    fn count_rows(&self, first: usize, size: usize) -> usize {
+        let used = |row: usize| self.offset[row] != 0.0 || !self.rows.is_empty_row(row);
+        if (first + 1..first + size).any(used) {
+            size
+        } else {
+            1
+        }
+    }
+
     /// The multipliers of the equations, and those of all rows.
     fn spread(&self, multipliers: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (equations, mut rest) = multipliers.split_at(self.right.len());
         let mut rows = vec![0.0; self.offset.len()];
         let mut first = 0;
         for &size in &self.sizes {
-            let used = |row: usize| self.offset[row] != 0.0 || !self.rows.is_empty_row(row);
-            let flat = !(first + 1..first + size).any(used);
-            let count = if flat { 1 } else { size };
+            let count = self.count_rows(first, size);
             rows[first..first + count].copy_from_slice(&rest[..count]);
             rest = &rest[count..];
             first += size;
