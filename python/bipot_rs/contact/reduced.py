@@ -188,19 +188,20 @@ class ReducedProblem:
         return _core.Reduced(self._parts, self.q, self.law, modes, force)
 
     @property
+    def _R(self) -> Any:
+        """``R (d n_c, k)``, dense or sparse; without columns if no motion is rigid."""
+        return np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
+
+    @property
     def _dense_motions(self) -> Floats:
-        """``R (d n_c, k)``."""
-        if self.rigid is None:
-            return np.zeros((self.q.size, 0))
-        R = self.rigid[0]
+        R = self._R
         return R if isinstance(R, np.ndarray) else R.toarray()
 
     @cached_property
     def _statics(self) -> _core.Statics:
         from bipot_rs.contact.proof.equilibrium import make_statics
 
-        R = np.empty((self.q.size, 0)) if self.rigid is None else self.rigid[0]
-        return make_statics(R, self.law, *self.q.shape)
+        return make_statics(self._R, self.law, *self.q.shape)
 
     @property
     def mu(self) -> Floats:
@@ -550,12 +551,11 @@ class ReducedProblem:
         live = floats("e1", e1, shape=(self._motions,))
 
         def solve(multiplier: float, start: Solution | None) -> Solution | None:
-            R = np.empty((self.q.size, 0)) if self.rigid is None else self.rigid[0]
             loaded = ReducedProblem(
                 self.W,
                 self.q,
                 self.mu,
-                rigid=(R, dead + multiplier * live),
+                rigid=(self._R, dead + multiplier * live),
                 cohesion=self.law.cohesion,
                 dilatancy=self.law.dilatancy,
             )
@@ -581,8 +581,7 @@ class ReducedProblem:
 
     def _move_contacts(self, amounts: Floats) -> Floats:
         """Displacement of each contact ``(n_c, d)``, the largest of length 1."""
-        R = self._dense_motions if self.rigid is None else self.rigid[0]
-        return rigid_motions.move_contacts(R.T, amounts, self.q.shape[1])
+        return rigid_motions.move_contacts(self._R.T, amounts, self.q.shape[1])
 
     def _describe_amounts(self, amounts: Floats) -> str:
         """Amounts of the rigid motions in words."""

@@ -192,11 +192,12 @@ class StepSolver:
         """
         points = self.structure.points
         before = [np.zeros(len(group.weights)) for group in points]
+        critical = [critical_hardening(group) for group in points]
         share = 1.0
         for _ in range(_MULTIPLIERS):
             rates = [
-                Rate(share * critical_hardening(group), slip)
-                for group, slip in zip(points, before, strict=True)
+                Rate(share * hardening, slip)
+                for hardening, slip in zip(critical, before, strict=True)
             ]
             nearer, balanced = self._newton(
                 self.evaluate(at.du, at.r, rates=rates), rates=rates
