@@ -97,18 +97,11 @@ class NotDifferentiableError(BipotError):
 
 
 class NotIterativeError(ValueError):
-    """``engine="iterative"`` was asked for a problem that it cannot solve.
+    """``engine="iterative"`` was asked for a problem that it cannot solve."""
 
-    Attributes
-    ----------
-    reason
-        Why, as part of a sentence.
-    contact
-        The contact that a support holds along a direction that is neither its normal nor a
-        tangent; ``None`` for another reason.
-    """
-
-    reason: str = ""
+    reason: str = ""  # why, as part of a sentence
+    # The contact that a support holds along a direction that is neither its normal nor a
+    # tangent; `None` for another reason.
     contact: int | None = None
 
 

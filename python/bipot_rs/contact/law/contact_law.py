@@ -17,19 +17,12 @@ class ContactLaw:
 
     Coulomb's law (8) has no cohesion ``c`` and no dilatancy ``beta``. The core reads the
     attributes by their names (`LawArrays` in ``src/python/arrays.rs``) and checks each number.
-
-    Attributes
-    ----------
-    mu : (n_c,) or (n_c, 2)
-        Friction coefficients.
-    cohesion : (n_c,)
-        Cohesion, a force, zero or positive; ``None`` if it is zero at all contacts.
-    dilatancy : (n_c,)
-        Dilatancy, from zero to ``mu``; ``None`` if it is zero at all contacts.
     """
 
-    mu: Floats
+    mu: Floats  # (n_c,) or (n_c, 2): friction coefficients
+    # (n_c,): cohesion, a force, zero or positive; `None` if it is zero at all contacts.
     cohesion: Floats | None = None
+    # (n_c,): dilatancy, from zero to `mu`; `None` if it is zero at all contacts.
     dilatancy: Floats | None = None
 
     @classmethod
@@ -47,10 +40,7 @@ class ContactLaw:
 
         The two coefficients of one contact are within a factor ``ratio`` of each other.
 
-        Raises
-        ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
+        Raises `TypeError` or `ValueError`: an argument is wrong; the message names it.
         """
         law = cls(
             friction(mu, contacts, d, ratio=ratio),
@@ -75,10 +65,7 @@ class ContactLaw:
     def require_coulomb(self, what: str) -> None:
         """Refuse cohesion and dilatancy, for ``what`` does not take them.
 
-        Raises
-        ------
-        ValueError
-            A contact has one of them; the message names it.
+        Raises `ValueError`: a contact has one of them; the message names it.
         """
         for argument in ("cohesion", "dilatancy"):
             values = getattr(self, argument)

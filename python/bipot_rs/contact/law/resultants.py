@@ -21,31 +21,20 @@ _FLAT = 1e-6
 
 @dataclass(frozen=True)
 class Resultant:
-    """Forces on one contact surface in one load step.
+    """Forces on one contact surface in one load step."""
 
-    Attributes
-    ----------
-    normal
-        ``Fn = Σ r_n`` [N]: on a flat surface, the normal force.
-    tangential
-        On a flat surface ``Ft = ‖Σ r_t‖`` [N], with vectors added in space; on a curved
-        surface ``Σ ‖r_t‖`` [N].
-    limit
-        Upper limit of ``tangential`` for these normal forces, ``Σ (c + μ r_n)`` [N]. With two
-        coefficients it is that of the friction ellipse, along the tangential force of a
-        flat surface, or along the tangential force of each contact of a curved surface.
-    force : (d,)
-        Sum of all contact forces on the body with the contacts, in global components [N].
-        The loads and supports of the body balance it.
-    curved
-        Whether normals differ.
-    """
-
-    normal: float
+    normal: float  # `Fn = Σ r_n` [N]: on a flat surface, the normal force
+    # On a flat surface `Ft = ‖Σ r_t‖` [N], with vectors added in space; on a curved surface `Σ
+    # ‖r_t‖` [N].
     tangential: float
+    # Upper limit of `tangential` for these normal forces, `Σ (c + μ r_n)` [N]. With two
+    # coefficients it is that of the friction ellipse, along the tangential force of a flat
+    # surface, or along the tangential force of each contact of a curved surface.
     limit: float
+    # (d,): sum of all contact forces on the body with the contacts, in global components [N].
+    # The loads and supports of the body balance it.
     force: Floats
-    curved: bool
+    curved: bool  # whether normals differ
 
     @property
     def used(self) -> float | None:
@@ -71,20 +60,12 @@ def list_resultants(
 ) -> list[Resultant]:
     """Resultant forces on each contact surface.
 
-    Parameters
-    ----------
-    reaction : (n_c, d)
-        Nodal contact forces, normal first [N].
-    frame : (n_c, d, d)
-        Rows n, t1[, t2].
-    mu : (n_c,) or (n_c, 2)
-        Friction coefficients.
-    group : (n_c,)
-        Number of the surface of each contact.
-    count
-        Number of surfaces.
-    cohesion : (n_c,)
-        Cohesion that is left, which adds to the limit; the default is zero.
+    ``reaction (n_c, d)``: nodal contact forces, normal first [N].
+    ``frame (n_c, d, d)``: rows n, t1[, t2].
+    ``mu (n_c,) or (n_c, 2)``: friction coefficients.
+    ``group (n_c,)``: number of the surface of each contact.
+    ``count``: number of surfaces.
+    ``cohesion (n_c,)``: cohesion that is left, which adds to the limit; the default is zero.
     """
     resultants = []
     for k in range(count):
@@ -113,13 +94,9 @@ def list_resultants(
 def find_limit_force(reaction: Floats, mu: Floats) -> tuple[Floats, Floats]:
     """``‖r_t‖`` of each contact and its friction limit, ``(..., n_c)`` [N].
 
-    Parameters
-    ----------
-    reaction : (..., n_c, d)
-        Normal first.
-    mu : (n_c,) or (n_c, 2)
-        With two coefficients the limit is that of the ellipse along ``r_t``, or along the
-        longer axis if ``r_t`` is zero.
+    ``reaction (..., n_c, d)``: normal first.
+    ``mu (n_c,) or (n_c, 2)``: with two coefficients the limit is that of the ellipse along
+    ``r_t``, or along the longer axis if ``r_t`` is zero.
     """
     r_t = reaction[..., 1:]
     size = np.linalg.norm(r_t, axis=-1)

@@ -34,33 +34,19 @@ NEVER_CLOSED = (
 
 @dataclass(frozen=True)
 class Strength:
-    """Stiffness of each body.
+    """Stiffness of each body."""
 
-    Attributes
-    ----------
-    body : (n,)
-        Number of the body of each degree of freedom.
-    force : (bodies,)
-        Force for a strain of 1 on its largest section; NaN if K does not determine it.
-    """
-
-    body: Ints
+    body: Ints  # (n,): number of the body of each degree of freedom
+    # (bodies,): force for a strain of 1 on its largest section; NaN if K does not determine it.
     force: Floats
 
 
 @dataclass(frozen=True)
 class ProblemRemarks:
-    """Warnings about a problem.
+    """Warnings about a problem."""
 
-    Attributes
-    ----------
-    at_start
-        Those about its arrays, before any load.
-    strength
-        Stiffness of the bodies, for warnings about loads; None if it is not known.
-    """
-
-    at_start: tuple[str, ...]
+    at_start: tuple[str, ...]  # those about its arrays, before any load
+    # Stiffness of the bodies, for warnings about loads; None if it is not known.
     strength: Strength | None = None
 
     def add_path(self, steps: Sequence[Step], points: Floats | None) -> tuple[str, ...]:
@@ -79,19 +65,13 @@ def examine_arrays(
 ) -> ProblemRemarks:
     """Look for what seems wrong in the arrays of a problem.
 
-    Parameters
-    ----------
-    contact
-        B.
-    gap : (n_c, d)
-        Gaps by component.
-    points, places
-        Coordinates of the contacts ``(n_c, d)`` and of the degrees of freedom ``(n, d)``.
-    stiffness
-        K, if it has the rigid motions of its bodies.
-    stacklevel
-        As for `warnings.warn`, which is called if K has its degrees of freedom in another
-        order than ``places`` or the contacts.
+    ``contact``: B.
+    ``gap (n_c, d)``: gaps by component.
+    ``points, places``: coordinates of the contacts ``(n_c, d)`` and of the degrees of freedom
+    ``(n, d)``.
+    ``stiffness``: K, if it has the rigid motions of its bodies.
+    ``stacklevel``: as for `warnings.warn`, which is called if K has its degrees of freedom in
+    another order than ``places`` or the contacts.
     """
     texts: list[str] = []
     outward, strength = None, None
@@ -147,15 +127,10 @@ def measure_bodies(
 ) -> tuple[Floats, Strength] | tuple[None, None]:
     """Surfaces and stiffness of the bodies, from the coordinates and K.
 
-    Returns
-    -------
-    outward : (n,)
-        Forces that point outwards at the surface of the bodies, and are zero inside and in
-        rows of supports within K.
-    strength
-        Stiffness of each body.
-
-    None for both if the coordinates do not show the order of the degrees of freedom.
+    Returns ``outward (n,)``: forces that point outwards at the surface of the bodies, and are
+    zero inside and in rows of supports within K.
+    Returns ``strength``: stiffness of each body.
+    Returns None for both if the coordinates do not show the order of the degrees of freedom.
     """
     order = dof_order.told_by(places, d)
     if order is None or not len(places):

@@ -41,17 +41,11 @@ def name_free_motions(
 ) -> tuple[str, ...]:
     """Name rigid motions, body by body.
 
-    Parameters
-    ----------
-    fields
-        Displacement of each contact, ``(k, n_c, d)``, normal first.
-    bodies, dofs
-        Number of the body of each motion, and its most moved degree of freedom.
-    frame
-        Bases ``(n_c, d, d)`` of the contacts. Without them the axes are those of the
-        contacts.
-    names
-        Names of bodies, each with its first degree of freedom.
+    ``fields``: displacement of each contact, ``(k, n_c, d)``, normal first.
+    ``bodies, dofs``: number of the body of each motion, and its most moved degree of freedom.
+    ``frame``: bases ``(n_c, d, d)`` of the contacts. Without them the axes are those of the
+    contacts.
+    ``names``: names of bodies, each with its first degree of freedom.
     """
     axes = ("n", "t1", "t2")
     if frame is not None:
@@ -76,18 +70,13 @@ def describe_motion(
 ) -> str:
     """Describe the motion of the contacts.
 
-    Parameters
-    ----------
-    direction
-        Displacement of each contact, ``(n_c, d)``, normal first, the largest of length 1.
-    mu
-        Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``. The opening ``mu |v_t|`` of the
-        dual cone is subtracted first, if the rest is a rigid motion: the contacts slide.
-    points, frame
-        Coordinates ``(n_c, d)`` and bases ``(n_c, d, d)`` of the contacts. Without them
-        the contacts that move most are listed.
-    bodies
-        Names of the bodies at each contact; contacts with equal names move together.
+    ``direction``: displacement of each contact, ``(n_c, d)``, normal first, the largest of
+    length 1.
+    ``mu``: friction coefficients, ``(n_c,)`` or ``(n_c, 2)``. The opening ``mu |v_t|`` of the
+    dual cone is subtracted first, if the rest is a rigid motion: the contacts slide.
+    ``points, frame``: coordinates ``(n_c, d)`` and bases ``(n_c, d, d)`` of the contacts.
+    Without them the contacts that move most are listed.
+    ``bodies``: names of the bodies at each contact; contacts with equal names move together.
     """
     length = np.linalg.norm(direction, axis=1)
     # A direction of divergence, unlike a proof, need not lie in the dual cone.

@@ -15,12 +15,9 @@ def make_cone_set(
 ) -> _core.ConeSet:
     """The ``y`` with ``h + G y`` in the cones and, if given, ``equations y = right``.
 
-    Parameters
-    ----------
-    G, h
-        Matrix ``(m d, k)``, dense or sparse, and ``(m, d)``: each row of ``h + G y (m, d)``
-        lies in the cone ``s_0 >= |(s_1, ..)|``. A row whose other components are zero is a
-        half-line.
+    ``G, h``: matrix ``(m d, k)``, dense or sparse, and ``(m, d)``: each row of ``h + G y (m,
+    d)`` lies in the cone ``s_0 >= |(s_1, ..)|``. A row whose other components are zero is a
+    half-line.
     """
     from scipy.sparse import csr_array
 

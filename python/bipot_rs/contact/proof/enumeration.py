@@ -57,18 +57,11 @@ def search_answers(
 
     There may be others.
 
-    Parameters
-    ----------
-    solve
-        Function of the reactions ``(n_c, d)`` to start from, or of None.
-    size
-        Magnitudes of reactions to start from, ``(n_c,)``.
-    mu
-        Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
-    dim, restarts, seed
-        Dimension, number of starts, and seed of the random starts.
-    moved
-        Largest displacement that reactions cancel, if contacts stick.
+    ``solve``: function of the reactions ``(n_c, d)`` to start from, or of None.
+    ``size``: magnitudes of reactions to start from, ``(n_c,)``.
+    ``mu``: friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
+    ``dim, restarts, seed``: dimension, number of starts, and seed of the random starts.
+    ``moved``: largest displacement that reactions cancel, if contacts stick.
     """
     solutions: list[Solution] = []
     rng = np.random.default_rng(seed)

@@ -167,10 +167,7 @@ def read_limit(
 ) -> LimitMultiplier:
     """The largest multiplier; ``solve`` finds answers of bodies that are not rigid.
 
-    Raises
-    ------
-    NoEquilibriumError, NotConvergedError
-        As `ReducedProblem.limit_multiplier`.
+    Raises `NoEquilibriumError` or `NotConvergedError`: as `ReducedProblem.limit_multiplier`.
     """
     without = read_decision(limit.dead, shape, describe)
     if without.verdict == "none":

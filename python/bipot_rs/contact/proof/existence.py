@@ -91,12 +91,8 @@ def judge_existence(
 ) -> Existence:
     """Give the verdict on ``v = W r + R a + q``, if some reaction balances the loads.
 
-    Parameters
-    ----------
-    core
-        The problem, which decides whether a witness is a proof.
-    W, q, mu, rigid
-        As in `ReducedProblem`, dense.
+    ``core``: the problem, which decides whether a witness is a proof.
+    ``W, q, mu, rigid``: as in `ReducedProblem`, dense.
     """
     p = _scale_problem(W, q, mu, rigid)
     symmetric = np.abs(p.W - p.W.T).max(initial=0.0) <= 1e-8

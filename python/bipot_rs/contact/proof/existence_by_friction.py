@@ -24,18 +24,12 @@ def is_held(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> 
     along its normal; a lift moves no contact with friction along its tangents. The
     pressures that balance the loads on lifts must be bounded. Otherwise the result is False.
 
-    Parameters
-    ----------
-    normal, tangents
-        Rows of ``R`` for the normals of all contacts, ``(n_c, k)``, and for the tangents
-        of contacts with friction, ``((d - 1) m, k)``. Columns of both together have a
-        length of about 1.
-    e
-        Loads on the rigid motions, ``(k,)``.
-    mu
-        Friction coefficients, ``(n_c,)``.
-    d
-        Dimension.
+    ``normal, tangents``: rows of ``R`` for the normals of all contacts, ``(n_c, k)``, and for
+    the tangents of contacts with friction, ``((d - 1) m, k)``. Columns of both together have a
+    length of about 1.
+    ``e``: loads on the rigid motions, ``(k,)``.
+    ``mu``: friction coefficients, ``(n_c,)``.
+    ``d``: dimension.
     """
     from scipy.optimize import nnls
 

@@ -92,14 +92,9 @@ def find_ranges(
 ) -> list[ReactionRange]:
     """Ranges of a component of the reactions of some contacts.
 
-    Parameters
-    ----------
-    W, q, mu, rigid
-        As in `ReducedProblem`.
-    solution
-        A converged solution.
-    contacts, component
-        Numbers of contacts, and of the component.
+    ``W, q, mu, rigid``: as in `ReducedProblem`.
+    ``solution``: a converged solution.
+    ``contacts, component``: numbers of contacts, and of the component.
     """
     if rigid is not None and q.size > _DENSE and not _entries(W).any():
         answers = _Answers.of_rigid_bodies(q, mu, rigid, solution)

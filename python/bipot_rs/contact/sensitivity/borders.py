@@ -19,21 +19,11 @@ _USED = 0.5
 
 @dataclass(frozen=True)
 class Borders:
-    """Contacts on borders, each ``(n_c,)``.
+    """Contacts on borders, each ``(n_c,)``."""
 
-    Attributes
-    ----------
-    touching
-        Just touches: ``v_n = 0`` and ``r_n = 0``.
-    yielding
-        At the friction limit without slip.
-    resting
-        Touches, and has neither slip nor reaction: all three statuses meet. Part of
-        ``touching``.
-    """
-
-    touching: Bools
-    yielding: Bools
+    touching: Bools  # just touches: `v_n = 0` and `r_n = 0`
+    yielding: Bools  # at the friction limit without slip
+    # Touches, and has neither slip nor reaction: all three statuses meet. Part of `touching`.
     resting: Bools
 
     @property
@@ -45,18 +35,11 @@ class Borders:
 
 @dataclass(frozen=True)
 class Terms:
-    """Sizes of the terms whose sum is ``v``, which cancel where a contact touches.
+    """Sizes of the terms whose sum is ``v``, which cancel where a contact touches."""
 
-    Attributes
-    ----------
-    moved : (n_c,)
-        Of those at the contact [length].
-    work
-        Work of the loads and of the prescribed displacements, without cancellation. A
-        displacement ``v`` that it causes has ``v² / w ≤ work``.
-    """
-
-    moved: Floats
+    moved: Floats  # (n_c,): of those at the contact [length]
+    # Work of the loads and of the prescribed displacements, without cancellation. A
+    # displacement `v` that it causes has `v² / w ≤ work`.
     work: float = 0.0
 
 
@@ -65,14 +48,9 @@ def find_borders(
 ) -> Borders:
     """The contacts that are on a border up to the tolerance of the step.
 
-    Parameters
-    ----------
-    compliance
-        Mean of the diagonal of each block of W, ``(n_c,)``; zero if not known.
-    tolerance
-        Relative tolerance of η, which the step met.
-    terms
-        What cancels in the relative displacement.
+    ``compliance``: mean of the diagonal of each block of W, ``(n_c,)``; zero if not known.
+    ``tolerance``: relative tolerance of η, which the step met.
+    ``terms``: what cancels in the relative displacement.
     """
     movable = compliance > 0
     root = np.sqrt(np.where(movable, compliance, 1.0))

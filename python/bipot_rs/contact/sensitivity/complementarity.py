@@ -36,21 +36,12 @@ _RANK = 1e-13
 
 @dataclass(frozen=True)
 class Side:
-    """A side of a border contact.
+    """A side of a border contact."""
 
-    Attributes
-    ----------
-    status
-        `Status` on this side.
-    direction
-        Of its slip.
-    slip, normal
-        Of a contact that rests: ``‖D ds‖`` and ``dr_n``, between which the direction of the
-        slip is linearised. With the values here the direction is kept.
-    """
-
-    status: int
-    direction: Floats
+    status: int  # `Status` on this side
+    direction: Floats  # of its slip
+    # slip, normal: of a contact that rests: `‖D ds‖` and `dr_n`, between which the direction of
+    # the slip is linearised. With the values here the direction is kept.
     slip: float = 1.0
     normal: float = 0.0
 

@@ -18,12 +18,9 @@ from bipot_rs.contact.sensitivity.response import System
 def differentiate_step(linear: LinearisedStep, of: StepChange) -> tuple[Floats, Floats]:
     """``dr (n_c, d)`` and ``da`` of a step whose data change.
 
-    Raises
-    ------
-    NotDifferentiableError
-        There is no directional derivative, or several candidates for it.
-    ValueError
-        A friction coefficient that is zero decreases.
+    Raises `NotDifferentiableError`: there is no directional derivative, or several candidates
+    for it.
+    Raises `ValueError`: a friction coefficient that is zero decreases.
     """
     point, direction = linear.point, linear.direction
     linear.refuse_borders(linear.borders.any)

@@ -29,27 +29,14 @@ _AT_LIMIT = 1e-6
 
 @dataclass(frozen=True)
 class Point:
-    """The contacts at the solution of one step.
+    """The contacts at the solution of one step."""
 
-    Attributes
-    ----------
-    reaction : (n_c, d)
-    opening : (n_c,)
-        Normal relative displacement.
-    slip : (n_c, d - 1)
-        Slip of the step.
-    status : (n_c,)
-    friction : (n_c, d - 1)
-        Coefficients along the tangents.
-    cohesion, dilatancy : (n_c,)
-        Cohesion that is left, and dilatancy; None if they are zero.
-    """
-
-    reaction: Floats
-    opening: Floats
-    slip: Floats
-    status: Ints
-    friction: Floats
+    reaction: Floats  # (n_c, d)
+    opening: Floats  # (n_c,): normal relative displacement
+    slip: Floats  # (n_c, d - 1): slip of the step
+    status: Ints  # (n_c,)
+    friction: Floats  # (n_c, d - 1): coefficients along the tangents
+    # cohesion, dilatancy (n_c,): cohesion that is left, and dilatancy; None if they are zero.
     cohesion: Floats | None = None
     dilatancy: Floats | None = None
 
@@ -74,21 +61,13 @@ class Laws:
     """``by_r dr + by_v dv = by_mu dD + by_rest (dc, dβ)`` at some contacts.
 
     ``dv`` has the slip increment as its tangential part.
-
-    Attributes
-    ----------
-    contacts : (m,)
-        Numbers of the contacts; at all others ``dr = 0``.
-    by_r, by_v : (m, d, d)
-    by_mu : (m, d, d - 1)
-    by_rest : (m, d, 2)
     """
 
-    contacts: Ints
-    by_r: Floats
-    by_v: Floats
-    by_mu: Floats
-    by_rest: Floats
+    contacts: Ints  # (m,): numbers of the contacts; at all others `dr = 0`
+    by_r: Floats  # (m, d, d)
+    by_v: Floats  # (m, d, d)
+    by_mu: Floats  # (m, d, d - 1)
+    by_rest: Floats  # (m, d, 2)
 
     def adjoint(self, w: Floats, mu: Floats) -> tuple[Floats, Floats]:
         """``Cᵀ w`` of multipliers ``w (n_c, d)``, and ``Mᵀ w`` shaped as ``mu`` (34)."""
@@ -127,15 +106,10 @@ def find_directions(point: Point, scale: Floats) -> Floats:
 def linearise_laws(point: Point, side: Ints, direction: Floats, movable: Bools) -> Laws:
     """The law of each contact that is not open, on one side of its borders.
 
-    Parameters
-    ----------
-    side
-        `Status` of each contact, ``(n_c,)``.
-    direction
-        Direction of slip, ``(n_c, d - 1)``, as `find_directions`.
-    movable
-        Components that a reaction moves, ``(n_c, d)``. The reaction of others is kept
-        where the law holds them.
+    ``side``: `Status` of each contact, ``(n_c,)``.
+    ``direction``: direction of slip, ``(n_c, d - 1)``, as `find_directions`.
+    ``movable``: components that a reaction moves, ``(n_c, d)``. The reaction of others is kept
+    where the law holds them.
     """
     cohesion, _ = point.limit
     contacts = np.flatnonzero((side != Status.OPEN) | (cohesion > 0))

@@ -21,25 +21,14 @@ from bipot_rs.contact.sensitivity.response import ContactResponse, System, make_
 
 @dataclass(frozen=True)
 class StepChange:
-    """Changes of the data of a step.
+    """Changes of the data of a step."""
 
-    Attributes
-    ----------
-    free : (n_c, d)
-        ``dq``, with the change of the gap, less that of the slip before in its tangential
-        components.
-    balance : (k,)
-        ``de``.
-    friction : (n_c, d - 1)
-        ``dD``.
-    rest : (n_c, 2)
-        ``dc`` and ``dβ``; None for zero.
-    """
-
+    # (n_c, d): `dq`, with the change of the gap, less that of the slip before in its tangential
+    # components.
     free: Floats
-    balance: Floats
-    friction: Floats
-    rest: Floats | None = None
+    balance: Floats  # (k,): `de`
+    friction: Floats  # (n_c, d - 1): `dD`
+    rest: Floats | None = None  # (n_c, 2): `dc` and `dβ`; None for zero
 
 
 class LinearisedStep:
@@ -72,11 +61,8 @@ class LinearisedStep:
     def adjoint(self) -> System:
         """`reported`, for gradients.
 
-        Raises
-        ------
-        NotDifferentiableError
-            It is singular, also with the contacts that just touch closed: reactions are
-            then not determined beside this point.
+        Raises `NotDifferentiableError`: it is singular, also with the contacts that just touch
+        closed: reactions are then not determined beside this point.
         """
         self.refuse_borders(self.borders.touching)
         touching = self.borders.touching & (self.point.status == Status.OPEN)

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 class LinearPath:
     """The steps of a path, linearised one after the other.
 
+    ``response``: how the contacts respond; the default is made from the last step.
+    ``iterative``: whether results of the iterative engine are differentiated by it.
+
     Attributes
     ----------
     model
@@ -38,13 +41,6 @@ class LinearPath:
         Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
     kept
         Whether the linearised steps are kept for further derivatives.
-
-    Parameters
-    ----------
-    response
-        How the contacts respond; the default is made from the last step.
-    iterative
-        Whether results of the iterative engine are differentiated by it.
     """
 
     def __init__(

@@ -32,27 +32,14 @@ class Inclined(Protocol):
 
 @dataclass(frozen=True)
 class PathModel:
-    """The contact operator and the shapes of the data of a load path.
+    """The contact operator and the shapes of the data of a load path."""
 
-    Attributes
-    ----------
-    contact : sparse (d n_c, n)
-        B.
-    fixed
-        Numbers of the prescribed degrees of freedom.
-    gap_shape
-        Shape of ``gap`` of the problem.
-    gaps_by_component
-        Whether the gaps of each step were given by component; None if there are none.
-    held
-        Nodes on inclined supports.
-    """
-
-    contact: CsrMatrix
-    fixed: Ints
-    gap_shape: tuple[int, ...]
+    contact: CsrMatrix  # sparse (d n_c, n): B
+    fixed: Ints  # numbers of the prescribed degrees of freedom
+    gap_shape: tuple[int, ...]  # shape of `gap` of the problem
+    # Whether the gaps of each step were given by component; None if there are none.
     gaps_by_component: bool | None = None
-    held: Inclined | None = None
+    held: Inclined | None = None  # nodes on inclined supports
 
     @property
     def n(self) -> int:
@@ -68,23 +55,14 @@ class PathModel:
 
 @dataclass(frozen=True)
 class PathChange:
-    """Changes of the data of each step, None for those that do not change.
+    """Changes of the data of each step, None for those that do not change."""
 
-    Attributes
-    ----------
-    load : (steps, n), prescribed : (steps, fixed), gap : (steps, n_c, d)
-    friction : (n_c, d - 1)
-    rest : (n_c, 2)
-        Of cohesion and dilatancy.
-    stiffness : sparse (n, n)
-    """
-
-    load: Floats | None
-    prescribed: Floats | None
-    gap: Floats | None
-    friction: Floats
-    rest: Floats | None
-    stiffness: CsrMatrix | None
+    load: Floats | None  # (steps, n)
+    prescribed: Floats | None  # (steps, fixed)
+    gap: Floats | None  # (steps, n_c, d)
+    friction: Floats  # (n_c, d - 1)
+    rest: Floats | None  # (n_c, 2): of cohesion and dilatancy
+    stiffness: CsrMatrix | None  # sparse (n, n)
 
 
 def check_changes(

@@ -25,15 +25,10 @@ T = TypeVar("T")
 
 @dataclass
 class Differentiable:
-    """The problem of a load path, for the derivatives of its result.
-
-    Attributes
-    ----------
-    linearised
-        The steps of the last result that was differentiated, for further derivatives.
-    """
+    """The problem of a load path, for the derivatives of its result."""
 
     model: PathModel
+    # The steps of the last result that was differentiated, for further derivatives.
     linearised: LinearPath | None = None
 
     def jvp(self, result: Result, change: DataChange, /) -> Tangent:

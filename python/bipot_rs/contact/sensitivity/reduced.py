@@ -31,30 +31,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReducedModel:
-    """The data of a reduced problem, for the derivatives of its solutions.
+    """The data of a reduced problem, for the derivatives of its solutions."""
 
-    Attributes
-    ----------
-    core
-        The problem in the core.
-    W, law
-        As given.
-    modes : (d n_c, k)
-        R.
-    """
-
-    core: _core.Reduced
+    core: _core.Reduced  # the problem in the core
+    # W, law: as given.
     W: Floats | CsrMatrix
     law: ContactLaw
-    modes: Floats
+    modes: Floats  # (d n_c, k): R
 
     def linear(self, solution: Solution) -> LinearisedStep:
         """The problem, linearised at a solution.
 
-        Raises
-        ------
-        ValueError
-            The solution did not converge.
+        Raises `ValueError`: the solution did not converge.
         """
         if not solution.converged:
             raise ValueError(

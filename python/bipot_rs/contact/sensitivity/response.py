@@ -35,18 +35,10 @@ class FactoredSystem(Protocol):
 
 
 class ContactResponse(Protocol):
-    """``dv = W dr + R da``, of some contacts or of all.
+    """``dv = W dr + R da``, of some contacts or of all."""
 
-    Attributes
-    ----------
-    motions
-        Number of rigid motions, the length of ``da``.
-    diagonal : (n_c, d)
-        Diagonal of W; zero at contacts that W is not known of.
-    """
-
-    motions: int
-    diagonal: Floats
+    motions: int  # number of rigid motions, the length of `da`
+    diagonal: Floats  # (n_c, d): diagonal of W; zero at contacts that W is not known of
 
     def factor_laws(self, laws: Laws) -> FactoredSystem | None:
         """The system (33) of these laws; None if it is singular."""
@@ -118,10 +110,7 @@ def make_system(
 ) -> System:
     """The system of these laws.
 
-    Raises
-    ------
-    NotDifferentiableError
-        It is singular.
+    Raises `NotDifferentiableError`: it is singular.
     """
     core = response.factor_laws(laws)
     order = laws.contacts.size * shape[1] + response.motions

@@ -117,23 +117,12 @@ def describe_soft(whose: str, motion: str, cells: str = "") -> str:
 
 @dataclass(frozen=True)
 class Digits:
-    """Relative error of K, and the coordinates that determine its rigid motions.
+    """Relative error of K, and the coordinates that determine its rigid motions."""
 
-    Attributes
-    ----------
-    rtol
-        Relative error of the entries of K.
-    places
-        Coordinates of the degrees of freedom, ``(n, 3)``.
-    d
-        Dimension.
-    bodies
-        Names of bodies, each with its first degree of freedom, for messages.
-    """
-
-    rtol: float
-    places: Floats
-    d: int
+    rtol: float  # relative error of the entries of K
+    places: Floats  # coordinates of the degrees of freedom, `(n, 3)`
+    d: int  # dimension
+    # Names of bodies, each with its first degree of freedom, for messages.
     bodies: Mapping[str, int] | None = None
 
     def restore(self, given: Csr) -> tuple[Parts, float]:
@@ -142,10 +131,7 @@ class Digits:
         The error is the largest ``|K z|`` of a row over the sum of the absolute values of
         its terms. Rows of supports within K are left out, and stay as they are.
 
-        Raises
-        ------
-        ValueError
-            The error of a row is larger than ``rtol`` explains.
+        Raises `ValueError`: the error of a row is larger than ``rtol`` explains.
         """
         K = self._make_symmetric(given.matrix)
         if K is None:
@@ -307,10 +293,7 @@ class _Rows:
     def classify(self) -> float:
         """Find the rows with supports, and return the largest error of the other rows.
 
-        Raises
-        ------
-        ValueError
-            Neither the error of K nor supports explain ``K Z``.
+        Raises `ValueError`: neither the error of K nor supports explain ``K Z``.
         """
         forces = (self.A @ self.values).reshape(self.n, self.m)
         share = np.abs(forces) / self._sum_largest_terms(self.uncertain)
@@ -485,10 +468,7 @@ class _Rows:
     def restore(self) -> Floats:
         """Entries of the lower triangle closest to those of K with ``A`` times them zero.
 
-        Raises
-        ------
-        ValueError
-            No change within the uncertainty of the stored entries is enough.
+        Raises `ValueError`: no change within the uncertainty of the stored entries is enough.
         """
         # Entries off the diagonal count twice.
         scale = self.uncertain * np.where(self.i == self.j, 1.0, np.sqrt(0.5))
@@ -611,16 +591,10 @@ def describe_indefinite(
 ) -> str:
     """Describe the most negative eigenvalue of K, and whether its digits explain it.
 
-    Parameters
-    ----------
-    parts
-        K by rows; the lower triangle is used.
-    fixed
-        Prescribed degrees of freedom.
-    dof
-        A degree of freedom of the body.
-    digits
-        The error of K that the caller gave, or None.
+    ``parts``: K by rows; the lower triangle is used.
+    ``fixed``: prescribed degrees of freedom.
+    ``dof``: a degree of freedom of the body.
+    ``digits``: the error of K that the caller gave, or None.
     """
     K = _mirror_triangle(parts)
     free = np.setdiff1d(np.arange(K.shape[0]), fixed)

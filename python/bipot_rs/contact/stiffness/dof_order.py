@@ -47,34 +47,18 @@ _SAMPLES, _SAMPLE = 32, 512
 
 @dataclass(frozen=True)
 class Fit:
-    """Remainder of rigid motions in the rows of K without supports.
+    """Remainder of rigid motions in the rows of K without supports."""
 
-    Attributes
-    ----------
-    rows
-        Number of rows without supports.
-    moved
-        Number of rows in which a translation leaves a force above the limit.
-    still
-        Number of rows with all components in which it leaves no such force.
-    translation
-        Remainder of translations, relative to the terms that should cancel: the median
-        of the moved rows, or the maximum if there are none.
-    turned : (m,)
-        Rows in which translations cancel, but a rotation leaves a force above the limit.
-    turnable
-        Number of rows in which rotations can be checked.
-    rotation
-        Remainder of rotations, as for translations.
-    """
-
-    rows: int
-    moved: int
-    still: int
+    rows: int  # number of rows without supports
+    moved: int  # number of rows in which a translation leaves a force above the limit
+    still: int  # number of rows with all components in which it leaves no such force
+    # Remainder of translations, relative to the terms that should cancel: the median of the
+    # moved rows, or the maximum if there are none.
     translation: float
+    # (m,): rows in which translations cancel, but a rotation leaves a force above the limit.
     turned: Ints
-    turnable: int
-    rotation: float
+    turnable: int  # number of rows in which rotations can be checked
+    rotation: float  # remainder of rotations, as for translations
 
     @property
     def translates(self) -> bool:
@@ -122,23 +106,13 @@ def fit(
 ) -> Fit | None:
     """Compare the rigid motions of an order with K.
 
-    Parameters
-    ----------
-    parts
-        K ``(n, n)`` by rows.
-    component, node : (n,)
-        Component and node of each degree of freedom, -1 if not known. Rows coupled to
-        such a column are left out.
-    places : (n, d) or None
-        Coordinates in any unit; without them rotations are not checked.
-    sample
-        Whether to check only some of the rows.
-
-    Returns
-    -------
-    Fit or None
-        None if K has fewer rows without supports than a simplex has degrees of freedom,
-        which are too few for the check.
+    ``parts``: K ``(n, n)`` by rows.
+    ``component, node (n,)``: component and node of each degree of freedom, -1 if not known.
+    Rows coupled to such a column are left out.
+    ``places (n, d) or None``: coordinates in any unit; without them rotations are not checked.
+    ``sample``: whether to check only some of the rows.
+    Returns ``Fit or None``: None if K has fewer rows without supports than a simplex has
+    degrees of freedom, which are too few for the check.
     """
     pointers = np.asarray(parts[0], np.int64)
     d = int(component.max(initial=-1)) + 1
@@ -245,12 +219,8 @@ def unlike(
 ) -> str | None:
     """Describe how the orders of K, B and the coordinates differ, or return None.
 
-    Parameters
-    ----------
-    stiffness, contact
-        K and B by rows.
-    coordinates : (n, d) or None
-        Coordinates of the degrees of freedom.
+    ``stiffness, contact``: K and B by rows.
+    ``coordinates (n, d) or None``: coordinates of the degrees of freedom.
     """
     n = len(stiffness[0]) - 1
     if n % d or not n:

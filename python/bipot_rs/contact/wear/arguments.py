@@ -20,31 +20,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class WearArguments:
-    """The arguments of `ContactProblem.wear`, checked.
+    """The arguments of `ContactProblem.wear`, checked."""
 
-    Attributes
-    ----------
-    contacts
-        The contacts, whose areas are known.
-    area, coefficient : (n_c,)
-        Tributary areas, wear coefficients [1/stress].
-    cycles
-        Number of cycles.
-    jump
-        Whether cycles may be jumped over.
-    rtol
-        Allowed error of the depth, relative to the largest depth.
-    state
-        Where the first cycle starts.
-    """
-
-    contacts: Contacts
+    contacts: Contacts  # the contacts, whose areas are known
+    # area, coefficient (n_c,): tributary areas, wear coefficients [1/stress].
     area: Floats
     coefficient: Floats
-    cycles: int
-    jump: bool
-    rtol: float
-    state: WearState
+    cycles: int  # number of cycles
+    jump: bool  # whether cycles may be jumped over
+    rtol: float  # allowed error of the depth, relative to the largest depth
+    state: WearState  # where the first cycle starts
 
 
 def check_wear(
@@ -57,10 +42,8 @@ def check_wear(
 ) -> WearArguments:
     """Check the arguments that are about wear.
 
-    Raises
-    ------
-    TypeError, ValueError
-        An argument is wrong, or the areas are not known; the message names it.
+    Raises `TypeError` or `ValueError`: an argument is wrong, or the areas are not known; the
+    message names it.
     """
     if contacts.count == 0:
         raise ValueError("the problem has no contacts, which could wear")

@@ -69,26 +69,14 @@ class Cycles:
     """Solves cycles of one load path.
 
     A load step that wears off so much that the pressure would overshoot is halved.
-
-    Attributes
-    ----------
-    begin_path
-        Makes a load path that continues from a step, or from the unloaded bodies.
-    totals
-        Totals of each load step of a cycle.
-    arguments
-        Contacts and wear coefficients.
-    stability
-        Bounds the part of a pressure that a load step may wear off.
-    divisible
-        Whether load steps can be divided: any loads can be solved.
     """
 
+    # Makes a load path that continues from a step, or from the unloaded bodies.
     begin_path: Callable[[Step | None], PathSolver]
-    totals: Sequence[Totals]
-    arguments: WearArguments
-    stability: Stability
-    divisible: bool = True
+    totals: Sequence[Totals]  # totals of each load step of a cycle
+    arguments: WearArguments  # contacts and wear coefficients
+    stability: Stability  # bounds the part of a pressure that a load step may wear off
+    divisible: bool = True  # whether load steps can be divided: any loads can be solved
 
     def solve(
         self, at: Step | None, depth: Floats, number: int, *, parts: int = 1
@@ -98,11 +86,8 @@ class Cycles:
         After each load step the normal gaps grow by ``k p ‖slip‖`` with ``p = r_n / area``.
         Each load step is divided into ``parts``, and so is the largest part that is stable.
 
-        Raises
-        ------
-        NoEquilibriumError, NotConvergedError
-            A load step failed, or wears off too much and cannot be divided. ``.result`` holds
-            the load steps of this cycle before it.
+        Raises `NoEquilibriumError` or `NotConvergedError`: a load step failed, or wears off too
+        much and cannot be divided. ``.result`` holds the load steps of this cycle before it.
         """
         cycle = Cycle(self.begin_path(at), len(depth))
         before = self._find_totals(at)
@@ -171,9 +156,7 @@ class Cycles:
     ) -> None:
         """Raise if a load step cannot be divided further.
 
-        Raises
-        ------
-        NotConvergedError
+        Raises `NotConvergedError`.
         """
         remedy = "use a smaller coefficient"
         if self.divisible and before is not None:

@@ -33,12 +33,9 @@ class JumpTrial:
 class CycleSolver:
     """Solves cycles, and jumps over others.
 
-    Parameters
-    ----------
-    cycles
-        Solves one cycle.
-    on_cycle
-        Called as ``on_cycle(number, step)`` with the last step of each cycle that was solved.
+    ``cycles``: solves one cycle.
+    ``on_cycle``: called as ``on_cycle(number, step)`` with the last step of each cycle that was
+    solved.
     """
 
     def __init__(
@@ -59,11 +56,8 @@ class CycleSolver:
     def solve(self) -> Wear:
         """Solve all cycles.
 
-        Raises
-        ------
-        NoEquilibriumError, NotConvergedError
-            A cycle failed. ``.result`` holds its load steps before, ``.wear`` the cycles
-            before.
+        Raises `NoEquilibriumError` or `NotConvergedError`: a cycle failed. ``.result`` holds
+        its load steps before, ``.wear`` the cycles before.
         """
         while self._state.cycle < self._end:
             over = self._choose_jump()

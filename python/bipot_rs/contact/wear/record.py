@@ -47,61 +47,33 @@ class Jump:
 
 @dataclass(frozen=True)
 class CycleEnd:
-    """The end of a cycle that was solved.
+    """The end of a cycle that was solved."""
 
-    Attributes
-    ----------
-    cycle
-        Its number.
-    worn : (n_c,)
-        Depth that it wore off.
-    drift : (n_c, d - 1)
-        Motion of each contact along the surface from its begin to its end.
-    """
-
-    cycle: int
-    worn: Floats
+    cycle: int  # its number
+    worn: Floats  # (n_c,): depth that it wore off
+    # (n_c, d - 1): motion of each contact along the surface from its begin to its end.
     drift: Floats
 
 
 @dataclass(frozen=True)
 class WearState:
-    """Where a sequence of cycles stands.
+    """Where a sequence of cycles stands."""
 
-    Attributes
-    ----------
-    cycle
-        Number of cycles so far.
-    depth : (n_c,)
-    volume, energy
-        Totals so far.
-    at
-        The last load step; None before the first cycle of unloaded bodies.
-    ends
-        Of the last two cycles that were solved.
-    lost
-        Energy dissipated in the last cycle.
-    length, longest
-        Length of the next jump to try, and its bound for stability.
-    spent
-        Allowed error that jumps have taken beyond their shares.
-    estimate : (n_c,)
-        Sum of the estimates of all jumps made.
-    least_longest, parts, step_error
-        As `longest`, `parts` and `step_error` of `Wear`.
-    """
-
-    cycle: int
-    depth: Floats
+    cycle: int  # number of cycles so far
+    depth: Floats  # (n_c,)
+    # volume, energy: totals so far.
     volume: float
     energy: float
+    # The last load step; None before the first cycle of unloaded bodies.
     at: Step | None
-    ends: tuple[CycleEnd, ...]
-    lost: float
+    ends: tuple[CycleEnd, ...]  # of the last two cycles that were solved
+    lost: float  # energy dissipated in the last cycle
+    # length, longest: length of the next jump to try, and its bound for stability.
     length: float
     longest: float
-    spent: float
-    estimate: Floats
+    spent: float  # allowed error that jumps have taken beyond their shares
+    estimate: Floats  # (n_c,): sum of the estimates of all jumps made
+    # least_longest, parts, step_error: as `longest`, `parts` and `step_error` of `Wear`.
     least_longest: float = np.inf
     parts: int = 1
     step_error: float | None = None

@@ -24,16 +24,10 @@ class Stability:
 
     It needs neither ``W`` nor a factor of ``K``.
 
-    Parameters
-    ----------
-    stiffness
-        Row pointers, columns and values of K.
-    contact
-        B, checked.
-    fixed
-        Prescribed degrees of freedom.
-    d
-        Components of a contact.
+    ``stiffness``: row pointers, columns and values of K.
+    ``contact``: B, checked.
+    ``fixed``: prescribed degrees of freedom.
+    ``d``: components of a contact.
     """
 
     def __init__(self, stiffness: Parts, contact: Csr, fixed: Ints, d: int) -> None:
@@ -77,11 +71,8 @@ class Stability:
 
         More digits would depend on the number of threads.
 
-        Parameters
-        ----------
-        worn_by_force
-            Diagonal of ``Σ``: ``k slid / area``, the depth that a unit force wears off each
-            contact in a cycle, ``(n_c,)`` [length/force].
+        ``worn_by_force``: diagonal of ``Σ``: ``k slid / area``, the depth that a unit force
+        wears off each contact in a cycle, ``(n_c,)`` [length/force].
         """
         root = np.sqrt(worn_by_force[self._own])
         if not root.any():
