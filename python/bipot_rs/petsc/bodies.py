@@ -22,22 +22,13 @@ from bipot_rs.petsc.own_rows import OwnRows
 
 @dataclass(frozen=True)
 class Bodies:
-    """Bodies and their rigid motions.
+    """Bodies and their rigid motions."""
 
-    Attributes
-    ----------
-    of_node, count
-        Body of each own node, and the number of all bodies.
-    motions
-        Rigid motions at the own degrees of freedom, ``(rows, m)``.
-    fixed
-        Own rows that are prescribed.
-    """
-
+    # of_node, count: body of each own node, and the number of all bodies.
     of_node: Ints
     count: int
-    motions: Floats
-    fixed: Bools
+    motions: Floats  # rigid motions at the own degrees of freedom, `(rows, m)`
+    fixed: Bools  # own rows that are prescribed
 
 
 # Numbers of bodies, and a row for each that holds it, in the amounts of its motions.
@@ -63,13 +54,9 @@ def check_holding(
 
     Whether contact alone holds a body.
 
-    Parameters
-    ----------
-    prescribed
-        From `hold_by_prescribed`.
-    contact
-        ``B`` at the places of the interface, with zeros at prescribed ones; the motions
-        there; and the body of each place.
+    ``prescribed``: from `hold_by_prescribed`.
+    ``contact``: ``B`` at the places of the interface, with zeros at prescribed ones; the
+    motions there; and the body of each place.
     """
     m = bodies.motions.shape[1]
     body = np.repeat(bodies.of_node, d)
@@ -176,15 +163,10 @@ def find_bodies(
 ) -> tuple[Ints, int]:
     """Body of each own node, and the number of bodies.
 
-    Parameters
-    ----------
-    rows, local
-        Own rows, and their columns in local numbers (`OwnRows.local`).
-    free
-        Whether each own degree of freedom, and then each outside, is not prescribed.
-        Prescribed ones couple nothing.
-    bring
-        Brings values of own degrees of freedom and those outside to this rank.
+    ``rows, local``: own rows, and their columns in local numbers (`OwnRows.local`).
+    ``free``: whether each own degree of freedom, and then each outside, is not prescribed.
+    Prescribed ones couple nothing.
+    ``bring``: brings values of own degrees of freedom and those outside to this rank.
     """
     own_nodes = rows.count // d
     # Local numbers of nodes, own ones first. Outside, each degree of freedom counts.
@@ -243,10 +225,7 @@ def rigid_motions(
 
     The centre is that of the box around all nodes, and the reach its largest side.
 
-    Parameters
-    ----------
-    coordinates
-        Of the own degrees of freedom, ``(rows, d)``.
+    ``coordinates``: of the own degrees of freedom, ``(rows, d)``.
     """
     if coordinates is None:
         return np.tile(np.eye(d), (rows // d, 1))
@@ -270,10 +249,7 @@ def _reduce_all(comm: Communicator, values: Floats, operation: object) -> Floats
 def orthonormal(comm: Communicator, vectors: Floats) -> Floats:
     """Orthonormal vectors with the same span, dependent ones left out.
 
-    Parameters
-    ----------
-    vectors
-        The own rows, ``(rows, m)``.
+    ``vectors``: the own rows, ``(rows, m)``.
     """
     for _ in range(2):  # the second time for the digits that the first one loses
         whole = np.empty((vectors.shape[1],) * 2)

@@ -80,10 +80,7 @@ class DistributedResponse:
     def factor_laws(self, laws: Laws) -> _IterativeSystem:
         """The system (33) of these laws.
 
-        Raises
-        ------
-        Stalled
-            One of them determines nothing.
+        Raises `Stalled`: one of them determines nothing.
         """
         d = laws.by_r.shape[1]
         by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
@@ -217,18 +214,11 @@ class _IterativeSystem:
 
 @dataclass(frozen=True)
 class DistributedDerivatives:
-    """The problem of a load path, for `jvp` and `vjp` of its result. All ranks call them.
-
-    Attributes
-    ----------
-    model
-        ``contact`` has the columns that this rank owns.
-    read_vectors
-        Checks vectors: a Vec or a list of them.
-    """
+    """The problem of a load path, for `jvp` and `vjp` of its result. All ranks call them."""
 
     engine: PetscEngine
-    model: PathModel
+    model: PathModel  # `contact` has the columns that this rank owns
+    # Checks vectors: a Vec or a list of them.
     read_vectors: Callable[[str, Vectors], list[PetscVec]]
 
     def jvp(self, result: Result, change: DataChange, /) -> Tangent:

@@ -136,24 +136,15 @@ NO_FRAMES = (
 
 @dataclass(frozen=True)
 class PetscEngine:
-    """Solves in the displacements with ``K`` distributed over the ranks.
-
-    Attributes
-    ----------
-    fixed
-        All prescribed degrees of freedom, in the order of the caller.
-    soft
-        Whether a motion may be too soft for the preconditioner.
-    law
-        The law of the contacts, if it is not that of ``operator``.
-    """
+    """Solves in the displacements with ``K`` distributed over the ranks."""
 
     operator: Operator
     solver: LinearSolver
-    fixed: Ints
+    fixed: Ints  # all prescribed degrees of freedom, in the order of the caller
     shape: tuple[int, int]
-    soft: bool
+    soft: bool  # whether a motion may be too soft for the preconditioner
     gap: Floats | None = None
+    # The law of the contacts, if it is not that of `operator`.
     law: ContactLaw | None = None
     record: SolverCounts = field(default_factory=SolverCounts)
     name = "petsc"

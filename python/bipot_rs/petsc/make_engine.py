@@ -39,55 +39,31 @@ _PLANE_FACTOR = 2000.0
 
 
 class Arguments(NamedTuple):
-    """Checked arguments of a problem, the same on every rank but for the coordinates.
+    """Checked arguments of a problem, the same on every rank but for the coordinates."""
 
-    Attributes
-    ----------
-    contacts
-        Those of all ranks.
-    fixed
-        All prescribed degrees of freedom, in the order of the caller.
-    coordinates : (own rows, d) or None
-        Of the own degrees of freedom.
-    gather
-        Number of unknowns up to which the first rank factors all of K.
-    """
-
-    contacts: Contacts
-    fixed: Ints
-    coordinates: Floats | None
-    gather: int
+    contacts: Contacts  # those of all ranks
+    fixed: Ints  # all prescribed degrees of freedom, in the order of the caller
+    coordinates: Floats | None  # (own rows, d) or None: of the own degrees of freedom
+    gather: int  # number of unknowns up to which the first rank factors all of K
 
 
 class _Places(NamedTuple):
-    """The places of the interface, and B there.
-
-    Attributes
-    ----------
-    fixed
-        Prescribed rows of this rank.
-    position
-        Number of each place among all prescribed degrees of freedom; their number for a
-        free place.
-    contact
-        Columns of B by places, with those of prescribed degrees of freedom.
-    """
+    """The places of the interface, and B there."""
 
     interface: Interface
-    fixed: Ints
+    fixed: Ints  # prescribed rows of this rank
+    # Number of each place among all prescribed degrees of freedom; their number for a free
+    # place.
     position: Ints
+    # Columns of B by places, with those of prescribed degrees of freedom.
     contact: CsrMatrix
 
 
 def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     """Check K, find its bodies and what holds them, and make the engine.
 
-    Raises
-    ------
-    ValueError
-        K is not finite, not symmetric, or has a negative diagonal.
-    NotIterativeError
-        Something may move freely.
+    Raises `ValueError`: K is not finite, not symmetric, or has a negative diagonal.
+    Raises `NotIterativeError`: something may move freely.
     """
     comm, d = K.comm.tompi4py(), given.contacts.d
     rows = own_rows.OwnRows.of(K)
@@ -186,14 +162,9 @@ def _make_solver(
 ) -> LinearSolver:
     """The linear solver with its matrix, which is ``Tᵀ K T`` at first.
 
-    Parameters
-    ----------
-    motions
-        Rigid motions at the own degrees of freedom, ``(rows, m)``.
-    gather
-        As in `Arguments`.
-    loose
-        Whether contact alone holds a body.
+    ``motions``: rigid motions at the own degrees of freedom, ``(rows, m)``.
+    ``gather``: as in `Arguments`.
+    ``loose``: whether contact alone holds a body.
     """
     PETSc, variables, d = operator.PETSc, operator.variables, operator.d
     T = make_transformation(operator)

@@ -48,10 +48,7 @@ class OneRankFactor:
     ) -> None:
         """Factor the symmetric part with the held places and springs.
 
-        Raises
-        ------
-        NotFactoredError
-            It cannot be factored.
+        Raises `NotFactoredError`: it cannot be factored.
         """
         if not new:
             return

@@ -33,12 +33,8 @@ class SymmetricPart:
     ) -> None:
         """Take ``A`` over, with structural zeros on the diagonal where it has no entry.
 
-        Parameters
-        ----------
-        contact
-            Places of contact nodes, which may be held.
-        shift
-            Relative to the diagonal, which is increased by it.
+        ``contact``: places of contact nodes, which may be held.
+        ``shift``: relative to the diagonal, which is increased by it.
         """
         self.P, self.d = A, operator.d
         interface, comm = operator.interface, operator.comm

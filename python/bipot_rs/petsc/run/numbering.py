@@ -19,30 +19,14 @@ from bipot_rs.petsc.run.ranks import World
 
 @dataclass(frozen=True)
 class Numbering:
-    """The nodes in the order of K: rank after rank, ascending within a rank.
+    """The nodes in the order of K: rank after rank, ascending within a rank."""
 
-    Attributes
-    ----------
-    owner : (nodes,)
-        Rank of each node.
-    partitioner
-        What has shared the nodes.
-    place : (n,)
-        Row of K of each degree of freedom of the model.
-    nodes : (m,)
-        Nodes of this rank.
-    rows : (dim m,)
-        Degrees of freedom of the model of the rows of this rank.
-    counts : (ranks,)
-        Number of rows of each rank.
-    """
-
-    owner: Ints
-    partitioner: str
-    place: Ints
-    nodes: Ints
-    rows: Ints
-    counts: Ints
+    owner: Ints  # (nodes,): rank of each node
+    partitioner: str  # what has shared the nodes
+    place: Ints  # (n,): row of K of each degree of freedom of the model
+    nodes: Ints  # (m,): nodes of this rank
+    rows: Ints  # (dim m,): degrees of freedom of the model of the rows of this rank
+    counts: Ints  # (ranks,): number of rows of each rank
 
     @classmethod
     def of_owners(
@@ -126,21 +110,12 @@ def divide_graph(
 ) -> tuple[Ints, str] | None:
     """Part of each node, as many parts as ranks, so that few edges join two parts.
 
-    Parameters
-    ----------
-    library, comm
-        PETSc, and a communicator of mpi4py.
-    rows
-        Compressed rows of the graph, ``indptr`` and ascending ``indices``, of the nodes of
-        this rank: those of ranks follow each other.
-    nodes
-        Number of all nodes.
-
-    Returns
-    -------
-    owner, kind
-        Part of each node, ``(nodes,)``, the same on all ranks, and the name of the
-        partitioner; None if PETSc has none.
+    ``library, comm``: PETSc, and a communicator of mpi4py.
+    ``rows``: compressed rows of the graph, ``indptr`` and ascending ``indices``, of the nodes
+    of this rank: those of ranks follow each other.
+    ``nodes``: number of all nodes.
+    Returns ``owner, kind``: part of each node, ``(nodes,)``, the same on all ranks, and the
+    name of the partitioner; None if PETSc has none.
     """
     PETSc = library.PETSc
     indptr, indices = (part.astype(PETSc.IntType, copy=False) for part in rows)
@@ -185,12 +160,8 @@ def divide_by_coordinates(points: Floats, parts: int) -> Ints:
     Each cut is normal to the axis in which the nodes extend furthest. The numbers of nodes
     of two parts differ by one at most, or by the number of cuts that led to them.
 
-    Parameters
-    ----------
-    points
-        Positions of the nodes, ``(nodes, d)``.
-    parts
-        Number of parts.
+    ``points``: positions of the nodes, ``(nodes, d)``.
+    ``parts``: number of parts.
     """
     numbers = np.zeros(len(points), np.int64)
     waiting = [(np.arange(len(points)), 0, parts)]

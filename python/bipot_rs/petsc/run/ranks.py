@@ -109,10 +109,7 @@ class Ranks:
     def together(self, *, held: bool = False) -> AbstractContextManager[None]:  # noqa: ARG002
         """A part of the work after which all ranks agree on how it ended.
 
-        Parameters
-        ----------
-        held
-            Whether signals wait until the end of this part.
+        ``held``: whether signals wait until the end of this part.
         """
         return nullcontext()
 
@@ -137,16 +134,10 @@ class Ranks:
 class World(Ranks):
     """The ranks of MPI.
 
-    Parameters
-    ----------
-    MPI
-        The module of mpi4py.
-    signals
-        Signals; those that arrive during an agreement wait.
-    describe
-        Exit status and message of an exception.
-    report
-        Called with status and message by a rank that ends all ranks by itself.
+    ``MPI``: the module of mpi4py.
+    ``signals``: signals; those that arrive during an agreement wait.
+    ``describe``: exit status and message of an exception.
+    ``report``: called with status and message by a rank that ends all ranks by itself.
     """
 
     def __init__(
@@ -174,10 +165,7 @@ class World(Ranks):
     def together(self, *, held: bool = False) -> Iterator[None]:
         """As `Ranks.together`.
 
-        Raises
-        ------
-        OtherRankError
-            Another rank failed, with its status and message.
+        Raises `OtherRankError`: another rank failed, with its status and message.
         """
         failure: BaseException | None = None
         # Signals that wait for a longer time, until files are written, wait here too.
@@ -214,10 +202,7 @@ class World(Ranks):
     def check_same(self, value: object, message: str) -> None:
         """As `Ranks.check_same`, on all ranks alike.
 
-        Raises
-        ------
-        ValueError
-            The value of a rank differs.
+        Raises `ValueError`: the value of a rank differs.
         """
         values = self.comm.allgather(value)
         for rank, other in enumerate(values):
