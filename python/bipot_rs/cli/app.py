@@ -133,10 +133,7 @@ def describe() -> Parser:
 def carry_out(words: Sequence[str], interrupts: Interrupts) -> int:
     """Read the words of a command line and carry out the command.
 
-    Raises
-    ------
-    Ended
-        A word is wrong.
+    Raises `Ended`: a word is wrong.
     """
     if "_ARGCOMPLETE" in os.environ:
         import argcomplete

@@ -38,10 +38,7 @@ class Parser(argparse.ArgumentParser):
     def read(self, words: list[str]) -> argparse.Namespace:
         """Read the words of a command; options may stand anywhere.
 
-        Raises
-        ------
-        Ended
-            A word is wrong.
+        Raises `Ended`: a word is wrong.
         """
         options, unknown = self.parse_known_intermixed_args(words)
         if unknown:

@@ -46,13 +46,9 @@ def list_keys(scene: str | None, incomplete: str) -> list[str]:
 
     A key that has keys of its own ends in a dot, any other in ``=``.
 
-    Parameters
-    ----------
-    scene
-        Its bodies, materials and lists are known by their names and numbers; without a
-        scene, or with one that cannot be read, only the keys that all scenes have.
-    incomplete
-        What is typed so far: ``"contact.0.m"``.
+    ``scene``: its bodies, materials and lists are known by their names and numbers; without a
+    scene, or with one that cannot be read, only the keys that all scenes have.
+    ``incomplete``: what is typed so far: ``"contact.0.m"``.
     """
     from bipot_rs.scene.schema.root import Scene
     from bipot_rs.scene.schema.suggestions import keys as keys_of_schema

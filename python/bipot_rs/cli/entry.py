@@ -26,12 +26,8 @@ from bipot_rs.petsc.run.ranks import discard_output, read_launcher
 def call(arguments: Sequence[str], *, last: bool = False) -> int:
     """Run the command with these arguments, and return its exit status.
 
-    Parameters
-    ----------
-    arguments
-        The words after ``bipot``.
-    last
-        Whether the process ends after it.
+    ``arguments``: the words after ``bipot``.
+    ``last``: whether the process ends after it.
     """
     _open_streams()
     with Interrupts(last=last) as interrupts:

@@ -29,11 +29,8 @@ class Interrupts:
     A signal raises ``KeyboardInterrupt`` at once. Between `hold` and `release` it waits, so
     that files are written whole; a second signal raises at once.
 
-    Parameters
-    ----------
-    last
-        The process ends with the block. Signals are then ignored after it, because an
-        interpreter that shuts down answers them with a traceback.
+    ``last``: the process ends with the block. Signals are then ignored after it, because an
+    interpreter that shuts down answers them with a traceback.
 
     Attributes
     ----------

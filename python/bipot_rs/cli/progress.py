@@ -45,10 +45,7 @@ class OutputLost(Exception):
 def tell(text: str, stream: TextIO) -> None:
     """Write a line and flush, so that a reader behind a pipe sees it at once.
 
-    Raises
-    ------
-    OutputLost
-        The line cannot be written; the cause is the error of the system.
+    Raises `OutputLost`: the line cannot be written; the cause is the error of the system.
     """
     try:
         stream.write(text + "\n")
@@ -77,14 +74,9 @@ def describe_remaining(taken: float, forecast: float) -> str:
 class Progress:
     """Bars of phases and load steps on a terminal, lines elsewhere; on standard error.
 
-    Parameters
-    ----------
-    phases, steps
-        Number of each; None for an unknown number of steps.
-    noun
-        Name of the steps.
-    quiet
-        Print no lines, as for --json; a terminal still has bars.
+    ``phases, steps``: number of each; None for an unknown number of steps.
+    ``noun``: name of the steps.
+    ``quiet``: print no lines, as for --json; a terminal still has bars.
     """
 
     def __init__(

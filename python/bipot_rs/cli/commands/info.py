@@ -34,20 +34,9 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
 def summarise(name: str) -> dict[str, object]:
     """Summarise a result, a file for ParaView, a scene or a mesh.
 
-    Parameters
-    ----------
-    name
-        A file, the folder of a run, or a shipped scene.
-
-    Returns
-    -------
-    dict
-        ``kind``, figures by name, and ``lines`` for a terminal.
-
-    Raises
-    ------
-    OSError, ValueError
-        The file cannot be read, or is of another kind.
+    ``name``: a file, the folder of a run, or a shipped scene.
+    Returns ``kind``, figures by name, and ``lines`` for a terminal.
+    Raises `OSError` or `ValueError`: the file cannot be read, or is of another kind.
     """
     from bipot_rs.cli.info import fields, mesh, result, scene
     from bipot_rs.cli.run.output_folder import RESULT

@@ -127,31 +127,19 @@ def draw(
 ) -> Path:
     """Draw a picture of a result; returns its file.
 
-    Parameters
-    ----------
-    name
-        The folder of a run, or a result file.
-    kind
-        A name in `plots.by_name.KINDS`.
-    out
-        File to write, in the format of its suffix; by default ``KIND.png`` in the folder of
-        the result. A name that ends in ``.gif`` is an animation over the load steps.
-    contact
-        The surface to draw, ``"body.surface"``; by default all.
-    along
-        Horizontal axis of a line: ``"x"``, ``"y"``, ``"z"`` or ``"arc"``.
-    step
-        The load step to draw, from 1; by default the last.
-    near, scale
-        The part of the bodies to draw, and the factor of displacements, of ``deformed``.
-    scene, settings
-        The scene of the result and the keys set in it, for pictures that need the mesh; by
-        default those named in the file.
-
-    Raises
-    ------
-    OSError, ValueError
-        There is no result, it cannot be read or drawn, or the file cannot be written.
+    ``name``: the folder of a run, or a result file.
+    ``kind``: a name in `plots.by_name.KINDS`.
+    ``out``: file to write, in the format of its suffix; by default ``KIND.png`` in the folder
+    of the result. A name that ends in ``.gif`` is an animation over the load steps.
+    ``contact``: the surface to draw, ``"body.surface"``; by default all.
+    ``along``: horizontal axis of a line: ``"x"``, ``"y"``, ``"z"`` or ``"arc"``.
+    ``step``: the load step to draw, from 1; by default the last.
+    ``near, scale``: the part of the bodies to draw, and the factor of displacements, of
+    ``deformed``.
+    ``scene, settings``: the scene of the result and the keys set in it, for pictures that need
+    the mesh; by default those named in the file.
+    Raises `OSError` or `ValueError`: there is no result, it cannot be read or drawn, or the
+    file cannot be written.
     """
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.files.drafts import writing

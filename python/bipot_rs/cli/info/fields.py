@@ -26,16 +26,10 @@ def summarise(path: Path) -> dict[str, object]:
 
     A VTU file without a load step is a mesh: its summary lists the fields as well.
 
-    Returns
-    -------
-    dict
-        ``kind``, ``points``, ``cells`` by kind, ``fields`` by name, ``load`` and ``time`` of
-        the step, and ``lines`` for a terminal; of a series also ``steps``, ``times``.
-
-    Raises
-    ------
-    OSError, ValueError, ModuleNotFoundError
-        As `bipot_rs.mesh.readers.read_grid`.
+    Returns ``kind``, ``points``, ``cells`` by kind, ``fields`` by name, ``load`` and ``time``
+    of the step, and ``lines`` for a terminal; of a series also ``steps``, ``times``.
+    Raises `OSError` or `ValueError` or `ModuleNotFoundError`: as
+    `bipot_rs.mesh.readers.read_grid`.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")

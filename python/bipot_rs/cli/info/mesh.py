@@ -23,16 +23,9 @@ _NAMES = 12
 def summarise(path: Path) -> dict[str, Any]:
     """Summarise a mesh file.
 
-    Returns
-    -------
-    dict
-        ``kind``, ``nodes``, ``cells`` by kind, ``dim``, ``volumes`` and ``surfaces`` with
-        their counts, ``mistake``, and ``lines`` for a terminal.
-
-    Raises
-    ------
-    OSError, ValueError, ModuleNotFoundError
-        As `mesh_file.read_mesh`.
+    Returns ``kind``, ``nodes``, ``cells`` by kind, ``dim``, ``volumes`` and ``surfaces`` with
+    their counts, ``mistake``, and ``lines`` for a terminal.
+    Raises `OSError` or `ValueError` or `ModuleNotFoundError`: as `mesh_file.read_mesh`.
     """
     return _surface(path) if path.suffix.lower() in _SURFACES else _bodies(path)
 

@@ -18,15 +18,8 @@ _STEPS = 3
 def summarise(path: Path) -> dict[str, object]:
     """Summarise a result file.
 
-    Returns
-    -------
-    dict
-        ``kind``, figures by name, and ``lines`` for a terminal.
-
-    Raises
-    ------
-    OSError, ValueError
-        There is no file, or it is not a result.
+    Returns ``kind``, figures by name, and ``lines`` for a terminal.
+    Raises `OSError` or `ValueError`: there is no file, or it is not a result.
     """
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.contact.results.tables import BROKEN, make_row

@@ -8,15 +8,8 @@ from bipot_rs._lib.messages import count_noun
 def summarise(name: str) -> dict[str, object]:
     """Summarise a scene: a file, or a shipped one.
 
-    Returns
-    -------
-    dict
-        ``kind``, figures by name, and ``lines`` for a terminal.
-
-    Raises
-    ------
-    SceneError
-        It cannot be read.
+    Returns ``kind``, figures by name, and ``lines`` for a terminal.
+    Raises `SceneError`: it cannot be read.
     """
     from bipot_rs.scene.reading import read
 

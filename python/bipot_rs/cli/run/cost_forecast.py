@@ -179,19 +179,10 @@ def fits(
 ) -> None:
     """Refuse a scene whose assembly does not fit into the free memory.
 
-    Parameters
-    ----------
-    scene
-        The sizes of its boxes are known before meshing.
-    meshed
-        Its bodies, if they are meshed.
-    share
-        The part of the assembly that this machine does.
-
-    Raises
-    ------
-    MemoryError
-        The message has the bytes needed, and a mesh that would fit.
+    ``scene``: the sizes of its boxes are known before meshing.
+    ``meshed``: its bodies, if they are meshed.
+    ``share``: the part of the assembly that this machine does.
+    Raises `MemoryError`: the message has the bytes needed, and a mesh that would fit.
     """
     needed = share * (assembly(scene) if meshed is None else _entries(meshed))
     free = available()

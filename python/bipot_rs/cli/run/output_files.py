@@ -71,22 +71,16 @@ def origin(
 
 @dataclass(frozen=True)
 class Output:
-    """Where the files of a run go, and what they hold.
+    """Where the files of a run go, and what they hold."""
 
-    Attributes
-    ----------
-    draft, folder
-        The folder to write into, and where the files will be: errors name the latter.
-    scene, case
-        None if the run ended before.
-    reached, errors
-        The load steps, and their discretisation errors if known.
-    """
-
+    # draft, folder: the folder to write into, and where the files will be: errors name the
+    # latter.
     draft: Path
     folder: Path
+    # scene, case: None if the run ended before.
     scene: Scene | None
     case: Case | None
+    # reached, errors: the load steps, and their discretisation errors if known.
     reached: Sequence[Reached]
     errors: Sequence[DiscretisationError | None]
 
@@ -297,14 +291,9 @@ class Checkpoint:
     A rank that is killed takes the others with it, at any time: the launcher leaves them a
     second or none. The complete load steps must therefore be in a file already.
 
-    Parameters
-    ----------
-    draft
-        Folder in which the file is prepared.
-    path
-        The file.
-    attributes
-        Attributes of the file.
+    ``draft``: folder in which the file is prepared.
+    ``path``: the file.
+    ``attributes``: attributes of the file.
     """
 
     def __init__(
@@ -320,10 +309,7 @@ class Checkpoint:
     def save(self, out: Output, *, always: bool = False) -> None:
         """Write the load steps reached, if that does not take too much of the time.
 
-        Raises
-        ------
-        OSError
-            The file cannot be written; an earlier one is unchanged.
+        Raises `OSError`: the file cannot be written; an earlier one is unchanged.
         """
         began = perf_counter()
         limit = _GRANTED + _SHARE * (began - self._began)

@@ -59,10 +59,7 @@ def draft_in(folder: Path) -> Iterator[Path]:
 
     It is made before the work, so that a folder that cannot be written is found then.
 
-    Raises
-    ------
-    OSError
-        The folder cannot be written.
+    Raises `OSError`: the folder cannot be written.
     """
     try:
         make(folder)

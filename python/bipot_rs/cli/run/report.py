@@ -77,16 +77,10 @@ def format_steps(
 ) -> str:
     """The table of load steps, without the columns that the width has no place for.
 
-    Parameters
-    ----------
-    rows
-        Rows of `contact.tables.row` with those of `forces` and the columns ``more``.
-    unit
-        Unit of force.
-    more
-        Further columns.
-    width
-        Largest number of characters of a line; None: no limit.
+    ``rows``: rows of `contact.tables.row` with those of `forces` and the columns ``more``.
+    ``unit``: unit of force.
+    ``more``: further columns.
+    ``width``: largest number of characters of a line; None: no limit.
     """
     names = list_columns(rows, more)
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)

@@ -53,21 +53,11 @@ def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, object]:
 def earlier(path: Path, expected: Mapping[str, object], count: int | None) -> Result:
     """The result in ``path``, if it belongs to the run with the attributes ``expected``.
 
-    Parameters
-    ----------
-    path
-        A result file that the command line wrote.
-    expected
-        The `stamps` of this run.
-    count
-        Load steps of the whole path; None for automatic steps.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        There is no file, it is damaged, or it belongs to another run.
+    ``path``: a result file that the command line wrote.
+    ``expected``: the `stamps` of this run.
+    ``count``: load steps of the whole path; None for automatic steps.
+    Raises `OSError`: the file cannot be read.
+    Raises `ValueError`: there is no file, it is damaged, or it belongs to another run.
     """
     if not path.exists():
         raise ValueError(f"cannot resume: there is no {path}")
@@ -110,10 +100,7 @@ def same_contacts(
 
     A file without load steps may have no contacts and is accepted.
 
-    Raises
-    ------
-    ValueError
-        Some array differs; the usual cause is another version of a library.
+    Raises `ValueError`: some array differs; the usual cause is another version of a library.
     """
     if not len(found):
         return

@@ -79,11 +79,9 @@ class Runner(ABC):
         pairs, so that an interrupt cannot separate them.
     progress
         Bar or lines on standard error.
-    mistakes
-        Exceptions that mean bad input.
     """
 
-    mistakes: tuple[type[Exception], ...] = MISTAKES
+    mistakes: tuple[type[Exception], ...] = MISTAKES  # exceptions that mean bad input
 
     def __init__(self, *, as_json: bool, interrupts: Interrupts | None = None) -> None:
         self.as_json = as_json

@@ -53,41 +53,22 @@ MARKET = "%%MatrixMarket"
 
 @dataclass(frozen=True)
 class MatrixProblem:
-    """Contents of the files, as `ContactProblem` and its `solve` take them.
+    """Contents of the files, as `ContactProblem` and its `solve` take them."""
 
-    Attributes
-    ----------
-    K : (n, n)
-    B : (d n_c, n)
-    gap, mu : (n_c,)
-    area : (n_c,) or None
-    frame : (n_c, d, d)
-    points : (n_c, d) or None
-        With a node list.
-    coordinates : (n, d) or None
-        With a list of all nodes.
-    fixed : (m,)
-    load : (steps, n) or None
-    prescribed : (steps, m)
-    labels : list of str
-        Name of each degree of freedom: node and component, or its number.
-    nodes : (n_c,) or None
-        Labels of the contact nodes.
-    """
-
-    K: SparseMatrix
-    B: SparseMatrix
-    gap: Floats
-    mu: Floats
-    area: Floats | None
-    frame: Floats
-    points: Floats | None
-    coordinates: Floats | None
-    fixed: Ints
-    load: Floats | None
-    prescribed: Floats
+    K: SparseMatrix  # (n, n)
+    B: SparseMatrix  # (d n_c, n)
+    gap: Floats  # (n_c,)
+    mu: Floats  # (n_c,)
+    area: Floats | None  # (n_c,) or None
+    frame: Floats  # (n_c, d, d)
+    points: Floats | None  # (n_c, d) or None: with a node list
+    coordinates: Floats | None  # (n, d) or None: with a list of all nodes
+    fixed: Ints  # (m,)
+    load: Floats | None  # (steps, n) or None
+    prescribed: Floats  # (steps, m)
+    # Name of each degree of freedom: node and component, or its number.
     labels: list[tuple[int, str]]
-    nodes: Ints | None
+    nodes: Ints | None  # (n_c,) or None: labels of the contact nodes
 
     def mesh(self) -> ResultMesh | None:
         """Nodes and their degrees of freedom; None without coordinates of all nodes."""
@@ -117,10 +98,8 @@ class MatrixProblem:
     ) -> ContactProblem:
         """Make the problem; with ``stiffness_rtol``, restore the rigid motions of K.
 
-        Raises
-        ------
-        ValueError
-            As `ContactProblem`; or ``stiffness_rtol`` without coordinates of all nodes.
+        Raises `ValueError`: as `ContactProblem`; or ``stiffness_rtol`` without coordinates of
+        all nodes.
         """
         if stiffness_rtol is not None and self.coordinates is None:
             raise ValueError(

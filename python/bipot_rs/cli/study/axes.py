@@ -20,10 +20,7 @@ MOST = 100_000
 def values(setting: str) -> tuple[str, list[str]]:
     """Split ``KEY=V1,V2,…`` into key and values, not at commas in brackets or quotes.
 
-    Raises
-    ------
-    ValueError
-        It is not of this form.
+    Raises `ValueError`: it is not of this form.
     """
     key, equals, text = setting.partition("=")
     parts, depth, quote = [""], 0, ""
@@ -52,10 +49,7 @@ def space_values(setting: str) -> tuple[str, list[str]]:
 
     The values are integers if the ends are and the spacing allows it.
 
-    Raises
-    ------
-    ValueError
-        It is not of this form.
+    Raises `ValueError`: it is not of this form.
     """
     key, equals, text = setting.partition("=")
     parts = text.split(":")
@@ -95,10 +89,7 @@ def space_values(setting: str) -> tuple[str, list[str]]:
 def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]:
     """All combinations of the values; the last key changes fastest.
 
-    Raises
-    ------
-    ValueError
-        A setting of the wrong form, a key twice, or too many rows.
+    Raises `ValueError`: a setting of the wrong form, a key twice, or too many rows.
     """
     axes = [values(s) for s in settings] + [space_values(s) for s in ranges]
     names = [key for key, _ in axes]
@@ -143,10 +134,7 @@ class StudyPart:
 def part(text: str) -> StudyPart:
     """Read ``I/N``.
 
-    Raises
-    ------
-    ValueError
-        It is not of this form, or I is not between 1 and N.
+    Raises `ValueError`: it is not of this form, or I is not between 1 and N.
     """
     match = re.fullmatch(r"\s*([0-9]{1,9})\s*/\s*([0-9]{1,9})\s*", text)
     if match is None:
@@ -168,10 +156,7 @@ def deal(costs: Sequence[tuple[float, ...]], count: int) -> list[list[int]]:
     same number of rows of each cost. Every N-th row would not do: with four meshes and
     four parts, one part would get all the finest meshes.
 
-    Parameters
-    ----------
-    costs
-        A cost of each row; tuples are compared entry by entry.
+    ``costs``: a cost of each row; tuples are compared entry by entry.
     """
     parts: list[list[int]] = [[] for _ in range(count)]
     # Sorting is stable: rows of equal cost stay in the order of the study.

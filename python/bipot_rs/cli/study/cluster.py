@@ -46,10 +46,7 @@ _MEMORY = "memory"
 def _place(address: str) -> str:
     """``HOST:PORT``, perhaps with a protocol, or the address in a scheduler file.
 
-    Raises
-    ------
-    ValueError
-        It is neither.
+    Raises `ValueError`: it is neither.
     """
     place, file = address, Path(address)
     if file.is_file():
@@ -82,19 +79,11 @@ class _Work:
 class Cluster:
     """The workers of a dask scheduler; rows not finished at the end are cancelled.
 
-    Parameters
-    ----------
-    address
-        Address of the scheduler, or its ``--scheduler-file``.
-    say
-        Called with sentences for the user.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        dask.distributed is not installed.
-    OSError, ValueError
-        No scheduler answers at the address, or it is not an address.
+    ``address``: address of the scheduler, or its ``--scheduler-file``.
+    ``say``: called with sentences for the user.
+    Raises `ModuleNotFoundError`: dask.distributed is not installed.
+    Raises `OSError` or `ValueError`: no scheduler answers at the address, or it is not an
+    address.
     """
 
     def __init__(self, address: str, say: Callable[[str], object]) -> None:
@@ -140,18 +129,10 @@ class Cluster:
 
         A text as answer is an error message.
 
-        Parameters
-        ----------
-        function
-            A function of a module that the workers can import.
-        needs
-            Bytes of memory that each argument takes. None: the memory of the workers is
-            not considered.
-
-        Raises
-        ------
-        OSError
-            The scheduler has gone.
+        ``function``: a function of a module that the workers can import.
+        ``needs``: bytes of memory that each argument takes. None: the memory of the workers is
+        not considered.
+        Raises `OSError`: the scheduler has gone.
         """
         work = _Work(function, arguments, needs)
         left = deque((yield from self._round(work, range(len(arguments)))))

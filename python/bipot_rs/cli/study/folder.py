@@ -34,10 +34,7 @@ def write_record(folder: Path, record: StudyRecord) -> None:
 def read_record(folder: Path) -> StudyRecord:
     """Read the record of a folder.
 
-    Raises
-    ------
-    ValueError
-        There is none, or it is damaged.
+    Raises `ValueError`: there is none, or it is damaged.
     """
     path = folder / SWEEP_RECORD
     if not path.is_file():
@@ -59,10 +56,7 @@ def read_record(folder: Path) -> StudyRecord:
 def make_folder(folder: Path) -> None:
     """Make the folder of a study.
 
-    Raises
-    ------
-    OSError
-        It cannot be written.
+    Raises `OSError`: it cannot be written.
     """
     try:
         make(folder)

@@ -31,46 +31,23 @@ _NO_PART = "its part was not joined"
 
 @dataclass(frozen=True)
 class JoinedStudy:
-    """Parts of one study as a whole.
+    """Parts of one study as a whole."""
 
-    Attributes
-    ----------
-    record
-        That of the whole study.
-    keys
-        The keys that vary.
-    rows
-        All rows of the study by number; those that no part has solved are `MISSING`.
-    folders
-        The folder that each solved row comes from.
-    absent
-        Parts that were not given, ``"I/N"``.
-    home
-        The folder that all parts are in; None if they are in several.
-    """
-
-    record: StudyRecord
-    keys: list[str]
+    record: StudyRecord  # that of the whole study
+    keys: list[str]  # the keys that vary
+    # All rows of the study by number; those that no part has solved are `MISSING`.
     rows: dict[int, dict[str, str]]
-    folders: dict[int, Path]
-    absent: list[str]
-    home: Path | None
+    folders: dict[int, Path]  # the folder that each solved row comes from
+    absent: list[str]  # parts that were not given, `"I/N"`
+    home: Path | None  # the folder that all parts are in; None if they are in several
 
 
 def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
     """Join the parts and print the table; returns the worst exit status of the rows.
 
-    Parameters
-    ----------
-    given
-        Folders of parts, or folders that hold such folders.
-    out
-        Folder to write; None: the one that the parts are in.
-
-    Raises
-    ------
-    OSError, ValueError
-        As `join`, or ``out`` is missing or cannot be written.
+    ``given``: folders of parts, or folders that hold such folders.
+    ``out``: folder to write; None: the one that the parts are in.
+    Raises `OSError` or `ValueError`: as `join`, or ``out`` is missing or cannot be written.
     """
     joined = join(given)
     folder = joined.home if out is None else out
@@ -99,16 +76,9 @@ def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
 def join(given: Sequence[Path]) -> JoinedStudy:
     """Read the parts of a study.
 
-    Parameters
-    ----------
-    given
-        Folders of parts, or folders that hold such folders.
-
-    Raises
-    ------
-    OSError, ValueError
-        A folder is not that of a part, the parts are not those of one study, or a row
-        stands in two of them; the message names folder and row.
+    ``given``: folders of parts, or folders that hold such folders.
+    Raises `OSError` or `ValueError`: a folder is not that of a part, the parts are not those of
+    one study, or a row stands in two of them; the message names folder and row.
     """
     parts = _parts(given)
     first, record = next(iter(parts.items()))

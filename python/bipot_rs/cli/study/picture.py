@@ -32,16 +32,10 @@ def draw(
 ) -> tuple[Path, str]:
     """Draw column ``y`` of the table of a sweep over column ``x``.
 
-    Returns
-    -------
-    target, said
-        The file written, by default ``Y_over_X.png`` in the folder of the sweep, and a
-        sentence about rows without values, or "".
-
-    Raises
-    ------
-    OSError, ValueError
-        There is no such column or no number in it, or a file cannot be read or written.
+    Returns ``target, said``: the file written, by default ``Y_over_X.png`` in the folder of the
+    sweep, and a sentence about rows without values, or "".
+    Raises `OSError` or `ValueError`: there is no such column or no number in it, or a file
+    cannot be read or written.
     """
     from bipot_rs.files.drafts import writing
     from bipot_rs.plots.study import study

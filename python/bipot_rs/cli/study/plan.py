@@ -31,59 +31,35 @@ _NO_SIZES: Mapping[str, bool | set[str] | dict[str, set[str]]] = {
 
 @dataclass(frozen=True)
 class StudyRecord:
-    """What a study is, as its folder says.
+    """What a study is, as its folder says."""
 
-    Attributes
-    ----------
-    scene, settings, ranges, method, tol
-        As on the command line.
-    title, units
-        Those of the first row without mistakes.
-    study
-        A digest of all rows: equal for all parts of a study.
-    count
-        Number of rows of the whole study.
-    part
-        ``"I/N"`` for the folder of a part.
-    rows
-        Row numbers of the part; all rows if there is no part.
-    """
-
+    # scene, settings, ranges, method, tol: as on the command line.
     scene: str
     settings: list[str]
     ranges: list[str]
     method: str | None
     tol: float | None
+    # title, units: those of the first row without mistakes.
     title: str
     units: dict[str, str]
-    study: str
-    count: int
-    part: str | None = None
+    study: str  # a digest of all rows: equal for all parts of a study
+    count: int  # number of rows of the whole study
+    part: str | None = None  # `"I/N"` for the folder of a part
+    # Row numbers of the part; all rows if there is no part.
     rows: list[int] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Study:
-    """One scene with many settings.
+    """One scene with many settings."""
 
-    Attributes
-    ----------
-    record
-        What it is, for its folder.
-    rows
-        Settings of each row.
-    digests
-        A digest of everything that determines a row; empty where the scene has mistakes.
-    costs
-        Bytes of the assembly and number of load steps of each row, to compare rows.
-    shapes
-        A digest of what determines the memory of a row; empty where the scene has mistakes.
-    """
-
-    record: StudyRecord
-    rows: list[dict[str, str]]
+    record: StudyRecord  # what it is, for its folder
+    rows: list[dict[str, str]]  # settings of each row
+    # A digest of everything that determines a row; empty where the scene has mistakes.
     digests: list[str]
+    # Bytes of the assembly and number of load steps of each row, to compare rows.
     costs: list[tuple[float, int]]
+    # A digest of what determines the memory of a row; empty where the scene has mistakes.
     shapes: list[str]
 
     @property
@@ -124,12 +100,9 @@ def plan(
 ) -> Study:
     """Read the scene of each row.
 
-    Raises
-    ------
-    SceneError
-        The scene of every row has mistakes; the error is that of the first row.
-    ValueError
-        ``settings`` or ``ranges`` are wrong.
+    Raises `SceneError`: the scene of every row has mistakes; the error is that of the first
+    row.
+    Raises `ValueError`: ``settings`` or ``ranges`` are wrong.
     """
     from bipot_rs.cli.run.cost_forecast import assembly
     from bipot_rs.scene.mistakes import SceneError

@@ -37,27 +37,17 @@ _NEEDED = (
 
 @dataclass(frozen=True)
 class Row:
-    """One row of a study.
+    """One row of a study."""
 
-    Attributes
-    ----------
-    number
-        Its number in the study, from 0.
-    scene, settings, method, tol
-        What to solve.
-    folder
-        The folder of the study. If the row fails, its solved load steps are written there.
-    keep
-        Write the result of a solved row as well.
-    """
-
-    number: int
+    number: int  # its number in the study, from 0
+    # scene, settings, method, tol: what to solve.
     scene: str
     settings: Mapping[str, str]
     method: str | None
     tol: float | None
+    # The folder of the study. If the row fails, its solved load steps are written there.
     folder: Path
-    keep: bool = False
+    keep: bool = False  # write the result of a solved row as well
 
 
 def solve(row: Row) -> dict[str, object]:

@@ -39,29 +39,18 @@ Answers = Iterator[tuple[int, dict[str, object] | str]]
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """Arguments of the command. ``method`` and ``tol`` None: those of the scene.
-
-    Attributes
-    ----------
-    folder
-        The folder of the study; that of a part is in it.
-    results
-        Write the result of every row, not only of those that fail.
-    jobs
-        Number of processes on this machine.
-    scheduler
-        Address of a dask scheduler, whose workers solve the rows.
-    """
+    """Arguments of the command. ``method`` and ``tol`` None: those of the scene."""
 
     scene: str
     settings: Sequence[str]
     ranges: Sequence[str]
-    folder: Path
+    folder: Path  # the folder of the study; that of a part is in it
     method: str | None = None
     tol: float | None = None
     part: StudyPart | None = None
-    results: bool = False
-    jobs: int | None = None
+    results: bool = False  # write the result of every row, not only of those that fail
+    jobs: int | None = None  # number of processes on this machine
+    # Address of a dask scheduler, whose workers solve the rows.
     scheduler: str | None = None
     resume: bool = False
     as_json: bool = False

@@ -78,10 +78,7 @@ def earlier(
 
     The entry ``row`` of each is its number in the earlier sweep.
 
-    Raises
-    ------
-    OSError, ValueError
-        There is no table, or it cannot be read.
+    Raises `OSError` or `ValueError`: there is no table, or it cannot be read.
     """
     if not path.exists():
         raise ValueError(f"cannot resume: there is no {path}")

@@ -44,13 +44,9 @@ def _serve(connection: Connection, work: Callable[..., object]) -> None:
 class Workers:
     """Processes that serve many arguments; they are terminated at the end of the block.
 
-    Parameters
-    ----------
-    work
-        A function of a module, whose arguments and answers can be pickled. A text as
-        answer is an error message.
-    count
-        Number of processes.
+    ``work``: a function of a module, whose arguments and answers can be pickled. A text as
+    answer is an error message.
+    ``count``: number of processes.
     """
 
     def __init__(self, work: Callable[..., object], count: int) -> None:
