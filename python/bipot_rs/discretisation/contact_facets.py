@@ -17,50 +17,32 @@ from bipot_rs.fem.contact.contact import both
 
 @dataclass(frozen=True)
 class Side:
-    """Contact facets on one of the two bodies.
+    """Contact facets on one of the two bodies."""
 
-    Attributes
-    ----------
-    body, facet : (m,)
-        Index of the body, and of the facet in its mesh.
-    contact : (m, d)
-        Contact at each node of the facet.
-    """
-
+    # body, facet (m,): index of the body, and of the facet in its mesh.
     body: Ints
     facet: Ints
-    contact: Ints
+    contact: Ints  # (m, d): contact at each node of the facet
 
 
 @dataclass(frozen=True)
 class ContactFacets:
-    """Facets whose nodes are all contacts.
+    """Facets whose nodes are all contacts."""
 
-    Attributes
-    ----------
-    first, second : Side
-        Facets of the bodies that have the contacts, and the opposite facets; the latter
-        are missing for a rigid obstacle.
-    area : (m,)
-        Areas of ``first``, including the thickness [m²].
-    node_area : (n_c,)
-        Tributary area of each contact [m²]; at the rim of ``within`` smaller than that of
-        the model.
-    edges : (e, 2)
-        Contacts at the ends of the edges of ``first``.
-    edge_of : (m, d (d - 1)/2)
-        Edges of each facet, in the order of `itertools.combinations` of its nodes.
-    curvature : (e,)
-        k_ij of the gap ``g = Σ φ_i g_i - Σ k_ij φ_i φ_j`` on a facet [m], from the gap at
-        the midpoints of edges; exact for ``r²/(2 radius)``.
-    """
-
+    # first, second Side: facets of the bodies that have the contacts, and the opposite facets;
+    # the latter are missing for a rigid obstacle.
     first: Side
     second: Side
-    area: Floats
+    area: Floats  # (m,): areas of `first`, including the thickness [m²]
+    # (n_c,): tributary area of each contact [m²]; at the rim of `within` smaller than that of
+    # the model.
     node_area: Floats
-    edges: Ints
+    edges: Ints  # (e, 2): contacts at the ends of the edges of `first`
+    # (m, d (d - 1)/2): edges of each facet, in the order of `itertools.combinations` of its
+    # nodes.
     edge_of: Ints
+    # (e,): k_ij of the gap `g = Σ φ_i g_i - Σ k_ij φ_i φ_j` on a facet [m], from the gap at the
+    # midpoints of edges; exact for `r²/(2 radius)`.
     curvature: Floats
 
     def traction_moments(
@@ -68,12 +50,8 @@ class ContactFacets:
     ) -> list[Floats]:
         """Moments ``(facets, d nodes, d)`` on each body, of tractions linear on facets.
 
-        Parameters
-        ----------
-        bodies
-            All bodies.
-        traction
-            Traction on ``first`` at the contacts, ``(n_c, d)`` in global components.
+        ``bodies``: all bodies.
+        ``traction``: traction on ``first`` at the contacts, ``(n_c, d)`` in global components.
         """
         moments = [np.zeros((len(b.facets), b.dim, b.dim)) for b in bodies]
         for side, sign in ((self.first, 1.0), (self.second, -1.0)):
@@ -88,12 +66,9 @@ class ContactFacets:
 def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacets:
     """Find the contact facets of a model.
 
-    Raises
-    ------
-    ValueError
-        Meshes in contact that do not match, a crack in one body, a contact node without
-        contact facet, normals that change on a facet, or opposite quadrilaterals split
-        along different diagonals.
+    Raises `ValueError`: meshes in contact that do not match, a crack in one body, a contact
+    node without contact facet, normals that change on a facet, or opposite quadrilaterals split
+    along different diagonals.
     """
     dim = model.dim
     first: list[tuple[int, Ints, Ints]] = []

@@ -26,26 +26,15 @@ def moments(
 ) -> Floats:
     """Moments ``∫_F φ_i t_F`` of tractions that satisfy (P), ``(facets, d nodes, d)``.
 
-    Parameters
-    ----------
-    cells
-        The body.
-    stress
-        Stress of the finite elements, ``(cells, d, d)``, in equilibrium at the nodes with
-        the following loads.
-    body_force
-        ``(cells, d)``, force per volume.
-    given
-        Moments of the tractions on boundary facets, ``(facets, d nodes, d)``.
-    known
-        Mask of given components, ``(facets, d)``: false for prescribed displacements and
-        for interior facets.
-
-    Raises
-    ------
-    ValueError
-        No tractions can balance the force at a node: a component is prescribed at the
-        node, but on no facet with this node.
+    ``cells``: the body.
+    ``stress``: stress of the finite elements, ``(cells, d, d)``, in equilibrium at the nodes
+    with the following loads.
+    ``body_force``: ``(cells, d)``, force per volume.
+    ``given``: moments of the tractions on boundary facets, ``(facets, d nodes, d)``.
+    ``known``: mask of given components, ``(facets, d)``: false for prescribed displacements and
+    for interior facets.
+    Raises `ValueError`: no tractions can balance the force at a node: a component is prescribed
+    at the node, but on no facet with this node.
     """
     dim = cells.dim
     # Right-hand side of (P).

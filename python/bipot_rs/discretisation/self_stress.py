@@ -37,12 +37,8 @@ _TINY = np.finfo(np.float64).tiny
 class SelfStress:
     """Self-stresses of one body, and their energy.
 
-    Parameters
-    ----------
-    cells, material
-        The body.
-    free
-        Mask of components of facets that may change, ``(facets, d)``.
+    ``cells, material``: the body.
+    ``free``: mask of components of facets that may change, ``(facets, d)``.
     """
 
     def __init__(self, cells: Simplices, material: Material, free: Bools) -> None:
@@ -59,17 +55,10 @@ class SelfStress:
     def relax(self, moments: Floats, displacement: Floats, stress: Floats) -> Floats:
         """Reduce ``½ ∫ (σ̂ - σ) : C⁻¹ (σ̂ - σ) dV`` over σ̂ in equilibrium.
 
-        Parameters
-        ----------
-        moments
-            Moments of tractions in equilibrium, ``(facets, d nodes, d)``.
-        displacement, stress
-            u at the nodes, ``(nodes, d)``, and its σ, ``(cells, d, d)``.
-
-        Returns
-        -------
-        moments
-            Moments of tractions in equilibrium with the same loads, with less energy.
+        ``moments``: moments of tractions in equilibrium, ``(facets, d nodes, d)``.
+        ``displacement, stress``: u at the nodes, ``(nodes, d)``, and its σ, ``(cells, d, d)``.
+        Returns ``moments``: moments of tractions in equilibrium with the same loads, with less
+        energy.
         """
         cells, H, Z = self.cells, self._H, self._Z
         # ∫ σ̂ : ε(u) dV is the work of boundary tractions and loads on u; the work on

@@ -18,43 +18,22 @@ def pairs(dim: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Simplices:
-    """Cells, their facets, and how they are connected; areas without thickness.
+    """Cells, their facets, and how they are connected; areas without thickness."""
 
-    Attributes
-    ----------
-    points : (nodes, d)
-    corners : (cells, d + 1)
-    facets : (facets, d)
-        Nodes of each facet.
-    facet_of : (cells, d + 1)
-        The facet opposite to each corner.
-    sign : (cells, d + 1)
-        1 if the normal of that facet points out of the cell, else -1.
-    place : (cells, d + 1, d + 1)
-        Entry [k, a]: position of corner a among the nodes of the facet opposite to corner
-        k; 0 for a = k.
-    gradients : (cells, d + 1, d)
-        Gradients of the barycentric coordinates.
-    edges : (cells, d, d)
-        Column k goes from corner 0 to corner k + 1.
-    volume : (cells,)
-    area : (facets, d)
-        Normal of the facet times its area.
-    outside : (facets,)
-        Whether the facet is on the boundary.
-    """
-
-    points: Floats
-    corners: Ints
-    facets: Ints
-    facet_of: Ints
+    points: Floats  # (nodes, d)
+    corners: Ints  # (cells, d + 1)
+    facets: Ints  # (facets, d): nodes of each facet
+    facet_of: Ints  # (cells, d + 1): the facet opposite to each corner
+    # (cells, d + 1): 1 if the normal of that facet points out of the cell, else -1.
     sign: Floats
+    # (cells, d + 1, d + 1): entry [k, a]: position of corner a among the nodes of the facet
+    # opposite to corner k; 0 for a = k.
     place: Ints
-    gradients: Floats
-    edges: Floats
-    volume: Floats
-    area: Floats
-    outside: Bools
+    gradients: Floats  # (cells, d + 1, d): gradients of the barycentric coordinates
+    edges: Floats  # (cells, d, d): column k goes from corner 0 to corner k + 1
+    volume: Floats  # (cells,)
+    area: Floats  # (facets, d): normal of the facet times its area
+    outside: Bools  # (facets,): whether the facet is on the boundary
 
     @property
     def dim(self) -> int:
@@ -69,10 +48,8 @@ class Simplices:
     def local_moments(self) -> tuple[Ints, Floats]:
         """Indices of the facet moments of each cell, and their signs.
 
-        Returns
-        -------
-        place, sign : (cells, d (d + 1))
-            ``d * facet + node`` in the order of `pairs`; 1 or -1.
+        Returns ``place, sign (cells, d (d + 1))``: ``d * facet + node`` in the order of
+        `pairs`; 1 or -1.
         """
         of, at, signs = self.facet_of, self.place, self.sign
         chosen = pairs(self.dim)
@@ -91,10 +68,8 @@ class Simplices:
     def linear_moments(self, facets: Ints, traction: Floats) -> Floats:
         """Moments ``(m, d nodes, d)`` of tractions linear on facets.
 
-        Parameters
-        ----------
-        facets, traction
-            Indices of facets ``(m,)``; tractions at their nodes ``(m, d nodes, d)``.
+        ``facets, traction``: indices of facets ``(m,)``; tractions at their nodes ``(m, d
+        nodes, d)``.
         """
         total = traction.sum(axis=1, keepdims=True)
         share = self.size[facets, None, None] / (self.dim * (self.dim + 1))
@@ -104,10 +79,7 @@ class Simplices:
 def simplices(body: Body) -> Simplices:
     """Cells and facets of a body.
 
-    Raises
-    ------
-    ValueError
-        Its cells are not triangles or tetrahedra.
+    Raises `ValueError`: its cells are not triangles or tetrahedra.
     """
     mesh, points, dim = body.mesh, body.points, body.dim
     corners = body.cells

@@ -20,24 +20,14 @@ from bipot_rs.discretisation.tuning import ATTEMPTS, LOOSEST, SHARE, TIGHTEST
 
 @dataclass(frozen=True)
 class Enough:
-    """A tolerance, and the errors from which it was computed.
+    """A tolerance, and the errors from which it was computed."""
 
-    Attributes
-    ----------
-    tol
-        For the residual η, (13).
-    discretisation
-        `DiscretisationError.relative` of the load step that was examined.
-    algebraic
-        The larger value of `Solution.error_estimate` there; 0 if there is none.
-    work
-        Work spent to find it, in products with W.
-    """
-
-    tol: float
+    tol: float  # for the residual η, (13)
+    # `DiscretisationError.relative` of the load step that was examined.
     discretisation: float
+    # The larger value of `Solution.error_estimate` there; 0 if there is none.
     algebraic: float
-    work: float
+    work: float  # work spent to find it, in products with W
 
 
 def tolerance(
@@ -54,14 +44,9 @@ def tolerance(
     and used for all steps. Both errors are estimates: there is no guarantee. If one cannot
     be estimated, the result is `TIGHTEST`.
 
-    Parameters
-    ----------
-    estimator, problem
-        Estimator and problem of the same scene.
-    method, max_iterations
-        As in `ContactProblem.solve`.
-    share
-        In (0, 1].
+    ``estimator, problem``: estimator and problem of the same scene.
+    ``method, max_iterations``: as in `ContactProblem.solve`.
+    ``share``: in (0, 1].
     """
     if not 0 < share <= 1:
         raise ValueError(f"share is {share:g}, expected above 0 and at most 1")

@@ -76,20 +76,13 @@ _FACETS: dict[str, list[tuple[int, ...]]] = {
 
 @dataclass(frozen=True)
 class Topology:
-    """Facets of a mesh, and the cells at each of them.
+    """Facets of a mesh, and the cells at each of them."""
 
-    Attributes
-    ----------
-    facets : (c, facets)
-        Nodes of each facet. Facets ascend by their sorted nodes.
-    t2f : (f, cells)
-        Facets of each cell.
-    f2t : (2, facets)
-        The first and the last cell at each facet; -1 instead of the last on the boundary.
-    """
-
+    # (c, facets): nodes of each facet. Facets ascend by their sorted nodes.
     facets: Integers
-    t2f: Integers
+    t2f: Integers  # (f, cells): facets of each cell
+    # (2, facets): the first and the last cell at each facet; -1 instead of the last on the
+    # boundary.
     f2t: Integers
 
     @classmethod
@@ -122,23 +115,13 @@ class BoxMesh:
 
     Its arrays are those of the mesh of scikit-fem of `boxes.box`, with the same numbers. All
     other attributes are taken from that mesh, which is made when one is asked for.
-
-    Attributes
-    ----------
-    kind : Kind
-        Kind of the cells.
-    p : (d, nodes)
-        Positions of the nodes [m].
-    t : (c, cells)
-        Nodes of each cell.
-    boundaries : mapping
-        Facets of each named surface.
     """
 
-    kind: Kind
-    p: Floats
-    t: Integers
+    kind: Kind  # kind of the cells
+    p: Floats  # (d, nodes): positions of the nodes [m]
+    t: Integers  # (c, cells): nodes of each cell
     topology: Topology = field(repr=False)
+    # Facets of each named surface.
     boundaries: Mapping[str, Integers] = field(default_factory=dict)
 
     @property
@@ -197,12 +180,8 @@ def _divide_grid(grids: Sequence[Floats], shape: str) -> BoxMesh:
 
     Nodes and cells are numbered along y first, then x, then z, as by scikit-fem.
 
-    Parameters
-    ----------
-    grids
-        Ascending grid points of each axis.
-    shape
-        ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``.
+    ``grids``: ascending grid points of each axis.
+    ``shape``: ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``.
     """
     places = np.meshgrid(*grids, indexing="xy")
     p = np.stack([axis.ravel(order="F") for axis in places])

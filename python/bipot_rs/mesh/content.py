@@ -9,22 +9,15 @@ from bipot_rs._lib.types import Floats, Ints
 
 @dataclass
 class Content:
-    """The content of a file.
+    """The content of a file."""
 
-    Attributes
-    ----------
-    points : (places, 3)
-    blocks : list of (kind, (cells, nodes))
-        Kind of cells in VTK's names.
-    sets : name to one array of cells for each block
-    free : as ``sets``; the set means all boundary facets of these cells
-    node_sets : name to indices of points
-    faces : name to corners of each face
-    """
-
-    points: Floats
-    blocks: list[tuple[str, Ints]]
+    points: Floats  # (places, 3)
+    blocks: list[tuple[str, Ints]]  # kind of cells in VTK's names
+    # Name to one array of cells for each block
     sets: dict[str, list[Ints]] = field(default_factory=dict)
+    # As `sets`; the set means all boundary facets of these cells
     free: dict[str, list[Ints]] = field(default_factory=dict)
+    # Name to indices of points
     node_sets: dict[str, Ints] = field(default_factory=dict)
+    # Name to corners of each face
     faces: dict[str, list[tuple[int, ...]]] = field(default_factory=dict)

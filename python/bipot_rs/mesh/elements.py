@@ -61,23 +61,13 @@ def facet_nodes(mesh: ElementMesh, facets: Ints) -> Ints:
 def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[ElementMesh, Ints]:
     """A mesh of scikit-fem from cells in the order of VTK.
 
-    Parameters
-    ----------
-    vtk
-        A kind of cell, one of `OF_VTK`.
-    points, cells
-        Points ``(m, d)`` and indices of them ``(cells, nodes)``. Points of no cell are
-        left out.
-
-    Returns
-    -------
-    mesh, number
-        The mesh, and the index in ``points`` of each node. Cells keep their order.
-
-    Raises
-    ------
-    ValueError
-        Two cells of second order share two corners but not the node between them.
+    ``vtk``: a kind of cell, one of `OF_VTK`.
+    ``points, cells``: points ``(m, d)`` and indices of them ``(cells, nodes)``. Points of no
+    cell are left out.
+    Returns ``mesh, number``: the mesh, and the index in ``points`` of each node. Cells keep
+    their order.
+    Raises `ValueError`: two cells of second order share two corners but not the node between
+    them.
     """
     kind = OF_VTK[vtk]
     # Nodes in the order of the element.

@@ -49,10 +49,7 @@ _PAIR = 0.5 + 0.5 * np.sqrt(1 / 3) * np.array([-1.0, 1.0])
 def reference(shape: str, order: int) -> Reference:
     """Shape functions on the reference cell at the points of the rule of ``order``.
 
-    Returns
-    -------
-    phi, slopes, weights
-        As `Reference`; read-only, since they are cached.
+    Returns ``phi, slopes, weights``: as `Reference`; read-only, since they are cached.
     """
     points, weights = _rule(shape, order)
     simplex = shape in ("triangle", "tetrahedron")

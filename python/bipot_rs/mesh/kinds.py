@@ -123,10 +123,8 @@ class ElementMesh(Protocol):
 def library() -> ModuleType:
     """The module scikit-fem, imported at the first call.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        It is not installed; the message names the extra that installs it.
+    Raises `ModuleNotFoundError`: it is not installed; the message names the extra that installs
+    it.
     """
     try:
         import skfem
@@ -138,27 +136,13 @@ def library() -> ModuleType:
 
 @dataclass(frozen=True)
 class Facet:
-    """A facet of a cell.
+    """A facet of a cell."""
 
-    Attributes
-    ----------
-    vtk : str
-        Its name in VTK and meshio.
-    shape : str
-        ``"line"``, ``"triangle"`` or ``"quadrilateral"``.
-    of_nodes : str
-        Element of one component, its name in scikit-fem.
-    order : int
-        Order of its quadrature.
-    lumps : bool
-        Whether a constant pressure gives each node a positive force.
-    """
-
-    vtk: str
-    shape: str
-    of_nodes: str
-    order: int
-    lumps: bool = True
+    vtk: str  # its name in VTK and meshio
+    shape: str  # `"line"`, `"triangle"` or `"quadrilateral"`
+    of_nodes: str  # element of one component, its name in scikit-fem
+    order: int  # order of its quadrature
+    lumps: bool = True  # whether a constant pressure gives each node a positive force
 
     @property
     def element(self) -> ElementClass:
@@ -186,36 +170,22 @@ class Facet:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of cell.
+    """A kind of cell."""
 
-    Attributes
-    ----------
-    vtk : str
-        Its name in VTK and meshio.
-    shape : str
-        ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``.
-    degree : int
-        1 or 2.
-    of_mesh, of_cell : str
-        The mesh class, and the element of one component: their names in scikit-fem.
-    order : int
-        Order of its quadrature. Simplices of first order have constant gradients; 2 and 4
-        are full Gauss quadrature with 2 and 3 points in each direction. It is exact on
-        straight cells, and on curved cells for constant stresses and pressures. The
-        rules for tetrahedra of orders 3 and 4 have negative weights. The rule of order 5
-        has points at the corners, where a valid curved cell may fold. The rule of order
-        6 has neither fault.
-    facet : Facet
-        Its facets.
-    """
-
-    vtk: str
-    shape: str
-    degree: int
+    vtk: str  # its name in VTK and meshio
+    shape: str  # `"triangle"`, `"quadrilateral"`, `"tetrahedron"` or `"hexahedron"`
+    degree: int  # 1 or 2
+    # of_mesh, of_cell: the mesh class, and the element of one component: their names in
+    # scikit-fem.
     of_mesh: str
     of_cell: str
+    # Order of its quadrature. Simplices of first order have constant gradients; 2 and 4 are
+    # full Gauss quadrature with 2 and 3 points in each direction. It is exact on straight
+    # cells, and on curved cells for constant stresses and pressures. The rules for tetrahedra
+    # of orders 3 and 4 have negative weights. The rule of order 5 has points at the corners,
+    # where a valid curved cell may fold. The rule of order 6 has neither fault.
     order: int
-    facet: Facet
+    facet: Facet  # its facets
 
     @property
     def mesh(self) -> Callable[..., ElementMesh]:
@@ -303,11 +273,8 @@ def reference(element: type, order: int) -> Reference:
 
     `Kind.reference` and `Facet.reference` have those of a kind of cells.
 
-    Returns
-    -------
-    phi, slopes, weights
-        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``; read-only, since they
-        are cached.
+    Returns ``phi, slopes, weights``: ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``;
+    read-only, since they are cached.
     """
     from skfem.quadrature import get_quadrature
 

@@ -113,20 +113,13 @@ def read_meshes(
 
 @dataclass(frozen=True)
 class Grid:
-    """Points, cells and fields of a VTU file.
+    """Points, cells and fields of a VTU file."""
 
-    Attributes
-    ----------
-    points
-        ``(points, 3)``.
-    cells
-        Pairs of a kind and nodes ``(cells, nodes of a cell)``.
-    of_points, of_cells, of_file
-        Arrays by name: of all points, of all cells in their order, and field data.
-    """
-
-    points: Floats
+    points: Floats  # `(points, 3)`
+    # Pairs of a kind and nodes `(cells, nodes of a cell)`.
     cells: list[tuple[str, Ints]]
+    # of_points, of_cells, of_file: arrays by name: of all points, of all cells in their order,
+    # and field data.
     of_points: dict[str, AnyArray]
     of_cells: dict[str, AnyArray]
     of_file: dict[str, AnyArray]
@@ -151,14 +144,9 @@ def read_grid(path: str | os.PathLike[str]) -> Grid:
 def read_cells(path: str | os.PathLike[str]) -> tuple[Floats, list[tuple[str, Ints]]]:
     """Read points ``(m, d)`` and cells by kind from any file of meshio, such as STL.
 
-    Raises
-    ------
-    OSError
-        The file does not exist.
-    ValueError
-        The file cannot be read.
-    ModuleNotFoundError
-        meshio is not installed.
+    Raises `OSError`: the file does not exist.
+    Raises `ValueError`: the file cannot be read.
+    Raises `ModuleNotFoundError`: meshio is not installed.
     """
     mesh = _read_any(Path(path), "a surface")
     return np.asarray(mesh.points, np.float64), _blocks(mesh)

@@ -18,16 +18,9 @@ def clip(subject: Floats, by: Floats) -> Floats:
     Algorithm of Sutherland and Hodgman: each edge of ``by`` in turn cuts off the part on
     its right, for all pairs at once.
 
-    Parameters
-    ----------
-    subject, by
-        Corners ``(m, c, 2)``, counter-clockwise; the last one may be repeated.
-
-    Returns
-    -------
-    numpy.ndarray (m, v, 2)
-        Corners, counter-clockwise; the last one is repeated if there are fewer than v.
-        All corners are equal if the intersection is empty.
+    ``subject, by``: corners ``(m, c, 2)``, counter-clockwise; the last one may be repeated.
+    Returns ``numpy.ndarray (m, v, 2)``: corners, counter-clockwise; the last one is repeated if
+    there are fewer than v. All corners are equal if the intersection is empty.
     """
     polygon = subject
     for k in range(by.shape[1]):
@@ -69,12 +62,8 @@ def find_overlapping_boxes(group: Ints, corners: Floats) -> Iterator[tuple[Ints,
     The boxes of a group are sorted along one axis: each is compared with those that begin
     before its end.
 
-    Parameters
-    ----------
-    group
-        Group of each box, ``(m,)``; only boxes of one group are compared.
-    corners
-        Points that a box contains, ``(m, v, d)``.
+    ``group``: group of each box, ``(m,)``; only boxes of one group are compared.
+    ``corners``: points that a box contains, ``(m, v, d)``.
     """
     if not len(group):
         return
@@ -99,10 +88,7 @@ def find_overlapping_boxes(group: Ints, corners: Floats) -> Iterator[tuple[Ints,
 def triangles(polygons: Floats) -> tuple[Floats, Ints]:
     """Triangles from the first corner of each polygon, without those of zero area.
 
-    Returns
-    -------
-    corners, owner
-        ``(t, 3, 2)`` and the polygon of each, ascending, ``(t,)``.
+    Returns ``corners, owner``: ``(t, 3, 2)`` and the polygon of each, ascending, ``(t,)``.
     """
     m, v, _ = polygons.shape
     first = np.broadcast_to(polygons[:, :1], (m, v - 2, 2))

@@ -21,32 +21,17 @@ _FLAT, _FOLDED = 1e-12, 1 - 1e-9
 
 @dataclass(frozen=True)
 class FacetMesh:
-    """A checked surface; geometry is that of the polygons of corners.
+    """A checked surface; geometry is that of the polygons of corners."""
 
-    Attributes
-    ----------
-    name
-        Name of the argument, for messages.
-    points : (n, d)
-        Positions of all nodes [m].
-    facets : (m, nodes)
-        Nodes of each facet, numbered as in `shape_functions`.
-    kind
-        Kind of the facets.
-    normals : (m, d)
-        Outward unit normals; for a quadrilateral that is not plane, of its mean plane.
-    size : (m,)
-        Area [m²], in 2D length [m].
-    centre, radius : (m, d), (m,)
-        Mean of the corners, and its distance from the farthest corner.
-    """
-
-    name: str
-    points: Floats
-    facets: Ints
-    kind: FacetKind
+    name: str  # name of the argument, for messages
+    points: Floats  # (n, d): positions of all nodes [m]
+    facets: Ints  # (m, nodes): nodes of each facet, numbered as in `shape_functions`
+    kind: FacetKind  # kind of the facets
+    # (m, d): outward unit normals; for a quadrilateral that is not plane, of its mean plane.
     normals: Floats
-    size: Floats
+    size: Floats  # (m,): area [m²], in 2D length [m]
+    # centre (m, d), radius (m,): mean of the corners, and its distance from the farthest
+    # corner.
     centre: Floats
     radius: Floats
 
@@ -280,15 +265,9 @@ def candidates(
     up to ``distance`` on both sides. Facets are grouped by size, so that a few large ones
     do not make all others candidates.
 
-    Parameters
-    ----------
-    places, radius, normals
-        Centres ``(k, d)``, radii ``(k,)`` and normals ``(k, d)`` of the spheres.
-
-    Returns
-    -------
-    sphere, facet : (pairs,)
-        Ascending by sphere.
+    ``places, radius, normals``: centres ``(k, d)``, radii ``(k,)`` and normals ``(k, d)`` of
+    the spheres.
+    Returns ``sphere, facet (pairs,)``: ascending by sphere.
     """
     octave = np.floor(np.log2(other.radius / other.radius.max()))
     sphere, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]

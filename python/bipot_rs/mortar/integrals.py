@@ -78,79 +78,51 @@ _SKEW = 1e-12
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Intersections of slave facets with the master facets opposite.
+    """Intersections of slave facets with the master facets opposite."""
 
-    Attributes
-    ----------
-    slave, master : (k,)
-        Facets, ascending by slave; ``master`` is empty for a rigid obstacle.
-    polygons
-        In the plane of the slave facet, relative to its centre, ``(k, v, 2)`` [m]; in 2D
-        reference coordinates of the ends, ``(k, 2)``.
-    opposite : (k, c, d - 1) or None
-        Corners of the master facet in the same plane [m].
-    """
-
+    # slave, master (k,): facets, ascending by slave; `master` is empty for a rigid obstacle.
     slave: Ints
     master: Ints
+    # In the plane of the slave facet, relative to its centre, `(k, v, 2)` [m]; in 2D reference
+    # coordinates of the ends, `(k, 2)`.
     polygons: Floats
+    # (k, c, d - 1) or None: corners of the master facet in the same plane [m].
     opposite: Floats | None
 
 
 @dataclass(frozen=True)
 class Integrals:
-    """Integrals over the covered part of the slave surface, with corner functions N.
+    """Integrals over the covered part of the slave surface, with corner functions N."""
 
-    Attributes
-    ----------
-    overlaps
-        The intersections.
-    mass, own : (m, c, c), (m, c, nodes)
-        ∫ N_i N_j and ∫ N_i φ_j with the slave's shape functions, for each slave facet.
-    coupling : (k, c, nodes)
-        ∫ N_i φ_j with the master's shape functions, for each intersection.
-    clearance : (fields, m, c)
-        ∫ N_i c with each of the functions c.
-    """
-
-    overlaps: Overlaps
+    overlaps: Overlaps  # the intersections
+    # mass, own (m, c, c), (m, c, nodes): ∫ N_i N_j and ∫ N_i φ_j with the slave's shape
+    # functions, for each slave facet.
     mass: Floats
     own: Floats
+    # (k, c, nodes): ∫ N_i φ_j with the master's shape functions, for each intersection.
     coupling: Floats
-    clearance: Floats
+    clearance: Floats  # (fields, m, c): ∫ N_i c with each of the functions c
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Contacts, and the scalar weights of their relative displacements.
+    """Contacts, and the scalar weights of their relative displacements."""
 
-    Attributes
-    ----------
-    node : (n_c,)
-        Slave nodes, ascending.
-    area : (n_c,)
-        a_i > 0.
-    slave, master : scipy.sparse.csr_array (n_c, nodes)
-        ``v = slave u_s - master u_m``; rows add up to one.
-    clearance : (fields, n_c)
-        ∫ ψ_i c / a_i of each function c; no fields without a function.
-    """
-
-    node: Ints
-    area: Floats
+    node: Ints  # (n_c,): slave nodes, ascending
+    area: Floats  # (n_c,): a_i > 0
+    # slave, master scipy.sparse.csr_array (n_c, nodes): `v = slave u_s - master u_m`; rows add
+    # up to one.
     slave: CsrMatrix
     master: CsrMatrix
+    # (fields, n_c): ∫ ψ_i c / a_i of each function c; no fields without a function.
     clearance: Floats
 
 
 def overlaps(slave: FacetMesh, master: FacetMesh, distance: float) -> Overlaps:
     """Intersections of all facets that face each other.
 
-    Raises
-    ------
-    ValueError
-        A master facet is folded in the projection onto a slave facet, or several layers
-        of the master lie opposite to a slave facet.
+    Raises `ValueError`: a master facet is folded in the projection onto a slave facet, or
+    several layers of the master lie opposite to a slave facet.
     """
     s, m = candidates(slave.centre, slave.radius, slave.normals, master, distance)
     offset = master.points[master.corners[m]] - slave.centre[s][:, None]
@@ -377,11 +349,8 @@ def _points(
 ) -> Iterator[tuple[Ints, Floats, Floats | None, Floats]]:
     """Gauss points, for a limited number of intersections at a time.
 
-    Yields
-    ------
-    part, xi, eta, weight
-        Intersection of each row ``(t,)``, reference coordinates on slave and master,
-        ``(t, q, d - 1)``, and weights ``(t, q)``.
+    Yields ``part, xi, eta, weight``: intersection of each row ``(t,)``, reference coordinates
+    on slave and master, ``(t, q, d - 1)``, and weights ``(t, q)``.
     """
     # Four more degrees for a clearance function, which is smooth on a facet.
     degree = _degree(slave, over, master) + 4 * function
@@ -521,12 +490,8 @@ def _keep_covered(slave: FacetMesh, covered: Floats) -> Bools:
 def _dual(mass: Floats, covered: Floats, kept: Bools) -> tuple[Floats, Floats]:
     """ψ = dual N on each facet, ``(m, c, c)``, and ∫ ψ_i, ``(m, c)``.
 
-    Parameters
-    ----------
-    mass, covered
-        ∫ N_i N_j ``(m, c, c)`` and ∫ N_i ``(m, c)``.
-    kept
-        Corners with a contact ``(m, c)``.
+    ``mass, covered``: ∫ N_i N_j ``(m, c, c)`` and ∫ N_i ``(m, c)``.
+    ``kept``: corners with a contact ``(m, c)``.
     """
     c = mass.shape[1]
     # Ñ = join N.

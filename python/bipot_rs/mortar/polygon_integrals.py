@@ -23,14 +23,9 @@ from bipot_rs.mortar.shape_functions import FacetKind, affine, reference, skewne
 def polygon_integrals(kind: FacetKind, corners: Floats, polygons: Floats) -> Floats:
     """∫ φ_j dA over polygons, ``(k, nodes)``.
 
-    Parameters
-    ----------
-    kind
-        A kind of quadrilaterals.
-    corners
-        Corners of the quadrilaterals, ``(k, 4, 2)``, in either orientation.
-    polygons
-        Polygons inside them, counter-clockwise ``(k, v, 2)``; corners may repeat.
+    ``kind``: a kind of quadrilaterals.
+    ``corners``: corners of the quadrilaterals, ``(k, 4, 2)``, in either orientation.
+    ``polygons``: polygons inside them, counter-clockwise ``(k, v, 2)``; corners may repeat.
     """
     integrals = np.zeros((len(corners), kind.nodes))
     # The nearest singularity as in `integrals._beyond`.

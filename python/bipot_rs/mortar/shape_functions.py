@@ -22,29 +22,17 @@ _ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
 
 @dataclass(frozen=True)
 class FacetKind:
-    """One kind of facet.
+    """One kind of facet."""
 
-    Attributes
-    ----------
-    name
-        Name in messages.
-    nodes, corners
-        Nodes of a facet, and how many of them are corners, which come first.
-    degree
-        Polynomial degree of the shape functions in the reference coordinates.
-    shapes
-        Function of reference coordinates ``(..., d - 1)`` that returns the shape functions
-        ``(..., nodes)``.
-    mirror
-        Order of the nodes that reverses the normal.
-    """
-
-    name: str
+    name: str  # name in messages
+    # nodes, corners: nodes of a facet, and how many of them are corners, which come first.
     nodes: int
     corners: int
-    degree: int
+    degree: int  # polynomial degree of the shape functions in the reference coordinates
+    # Function of reference coordinates `(..., d - 1)` that returns the shape functions `(...,
+    # nodes)`.
     shapes: Callable[[Floats], Floats]
-    mirror: tuple[int, ...]
+    mirror: tuple[int, ...]  # order of the nodes that reverses the normal
 
 
 def _line2(x: Floats) -> Floats:
@@ -131,12 +119,8 @@ def reference(corners: Floats, x: Floats) -> Floats:
     ``b = 1 + αY - βX``, whose root that goes on from the parallelogram α = β = 0 is
     2X/(b + √(b² + 4βX)). No iteration, and nothing cancels in a convex one.
 
-    Parameters
-    ----------
-    corners
-        Triangles or convex quadrilaterals, ``(m, c, 2)``.
-    x
-        Points ``(m, q, 2)``, inside the facets to rounding.
+    ``corners``: triangles or convex quadrilaterals, ``(m, c, 2)``.
+    ``x``: points ``(m, q, 2)``, inside the facets to rounding.
     """
     if corners.shape[1] == 3:
         edges = corners[:, 1:] - corners[:, :1]
@@ -160,11 +144,8 @@ def skewness(corners: Floats) -> Floats:
 def affine(corners: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
     """Coordinates along the mean edges of quadrilaterals ``(m, 4, 2)``.
 
-    Returns
-    -------
-    size, components, skew
-        Signed area of the unit cell of these coordinates, ``(m,)``; components of vectors
-        ``x (m, q, 2)``; α and β ``(2, m)``.
+    Returns ``size, components, skew``: signed area of the unit cell of these coordinates,
+    ``(m,)``; components of vectors ``x (m, q, 2)``; α and β ``(2, m)``.
     """
     _, edges, skew = _bilinear(corners)
     (a, b), (c, d) = np.moveaxis(edges, 0, -1)

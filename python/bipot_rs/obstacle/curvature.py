@@ -14,11 +14,8 @@ def curvature(obstacle: Obstacle, points: Floats) -> Floats:
 
     It is the second derivative of the distance: its first derivative is n.
 
-    Raises
-    ------
-    ValueError
-        The obstacle has no formula for it: `Distance`, `Surface`, or a class defined
-        elsewhere.
+    Raises `ValueError`: the obstacle has no formula for it: `Distance`, `Surface`, or a class
+    defined elsewhere.
     """
     if isinstance(obstacle, Union):
         each = [part.closest(points).distance for part in obstacle.obstacles]

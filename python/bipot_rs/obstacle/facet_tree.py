@@ -45,14 +45,9 @@ def _descend(
 
     Memory does not grow with the number of pairs: portions are completed depth first.
 
-    Parameters
-    ----------
-    sizes
-        Number of nodes of each level, from the leaves to the root.
-    queries
-        Number of queries.
-    near
-        Function of a level, queries and nodes ``(p,)``: whether each pair may be near.
+    ``sizes``: number of nodes of each level, from the leaves to the root.
+    ``queries``: number of queries.
+    ``near``: function of a level, queries and nodes ``(p,)``: whether each pair may be near.
     """
     work: list[tuple[int, Ints, Ints]] = []
     work.append((len(sizes) - 1, np.arange(queries), np.zeros(queries, np.int64)))
