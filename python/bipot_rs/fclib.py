@@ -248,29 +248,14 @@ def write_path(
 
     ``q`` contains the slip of the earlier steps, (22): each file is a complete problem.
 
-    Parameters
-    ----------
-    stem
-        ``DIR/NAME`` for ``DIR/NAME-0000.hdf5`` and so on.
-    problem, result
-        A problem, and what its `ContactProblem.solve` returned.
-    info
-        As in `write`, the same for all steps; ``title`` is followed by the step.
-
-    Returns
-    -------
-    paths
-        The files, in order.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As in `write`; or the loads of the result are unknown, since it was read from a
-        file.
-    MemoryError
-        The dense ``W`` does not fit into memory.
-    OSError
-        A file cannot be written.
+    ``stem``: ``DIR/NAME`` for ``DIR/NAME-0000.hdf5`` and so on.
+    ``problem, result``: a problem, and what its `ContactProblem.solve` returned.
+    ``info``: as in `write`, the same for all steps; ``title`` is followed by the step.
+    Returns ``paths``: the files, in order.
+    Raises `TypeError` or `ValueError`: as in `write`; or the loads of the result are unknown,
+    since it was read from a file.
+    Raises `MemoryError`: the dense ``W`` does not fit into memory.
+    Raises `OSError`: a file cannot be written.
     """
     if not isinstance(problem, ContactProblem):
         raise make_type_error("problem", problem, "a ContactProblem")

@@ -23,15 +23,10 @@ def missing(
 ) -> ModuleNotFoundError:
     """The error of a failed import, with a message that says what to install.
 
-    Parameters
-    ----------
-    error
-        As raised by Python. It is returned unchanged if it is about another module, for
-        example one that the library itself imports: installing the extra would not help.
-    what
-        What needs the library, in the plural: ``"finite elements"``.
-    library, extra
-        Name of the module, and the extra of this package that installs it.
+    ``error``: as raised by Python. It is returned unchanged if it is about another module, for
+    example one that the library itself imports: installing the extra would not help.
+    ``what``: what needs the library, in the plural: ``"finite elements"``.
+    ``library, extra``: name of the module, and the extra of this package that installs it.
     """
     if error.name is None or error.name.partition(".")[0] != library:
         return error
@@ -45,10 +40,8 @@ def missing(
 def load_library(name: str, *, extra: str = "io", need: str = "files") -> ModuleType:
     """Import an optional library; ``need`` says what it is for.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        It is not installed; the message names the extra that installs it.
+    Raises `ModuleNotFoundError`: it is not installed; the message names the extra that installs
+    it.
     """
     try:
         return import_module(name)

@@ -30,10 +30,7 @@ def without(content: bytes) -> bytes:
 def strip_mark(path: Path) -> Iterator[Path]:
     """Path of a file without the mark: ``path`` itself, or a temporary copy.
 
-    Raises
-    ------
-    OSError
-        The file cannot be read, or the copy not written.
+    Raises `OSError`: the file cannot be read, or the copy not written.
     """
     with path.open("rb") as file:
         if file.read(len(MARK)) != MARK:

@@ -593,11 +593,8 @@ def _check_structure(what: str, matrix: Any) -> None:
 
     SciPy does not check them: with wrong indices it reads and writes outside its arrays.
 
-    Raises
-    ------
-    ValueError
-        Indices outside the shape, or row pointers that do not ascend from 0 to the number
-        of entries.
+    Raises `ValueError`: indices outside the shape, or row pointers that do not ascend from 0 to
+    the number of entries.
     """
     rows, columns = matrix.shape
     kind = matrix.format

@@ -56,13 +56,9 @@ class Solved(NamedTuple, Generic[A]):
 class Host:
     """The functions of one problem.
 
-    Parameters
-    ----------
-    problem
-        The problem.
-    shapes
-        Shapes of the arguments that are given, by name; the others are those of the
-        problem.
+    ``problem``: the problem.
+    ``shapes``: shapes of the arguments that are given, by name; the others are those of the
+    problem.
     """
 
     problem: ContactProblem

@@ -33,21 +33,11 @@ _MAPS = ("pressure", "shear", "gap")
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture with a name.
+    """A picture with a name."""
 
-    Attributes
-    ----------
-    draw
-        The function.
-    bodies
-        Whether it takes the model before the result.
-    quantity
-        The quantity that it draws, if it can draw several.
-    """
-
-    draw: Callable[..., Axes]
-    bodies: bool = False
-    quantity: str | None = None
+    draw: Callable[..., Axes]  # the function
+    bodies: bool = False  # whether it takes the model before the result
+    quantity: str | None = None  # the quantity that it draws, if it can draw several
 
     def takes(self, name: str) -> bool:
         """Whether the function has an argument of that name."""

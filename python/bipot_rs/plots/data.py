@@ -36,46 +36,27 @@ Chosen = slice | NDArray[np.intp]
 
 @dataclass(frozen=True)
 class DrawnContacts:
-    """One step at the contacts that are drawn.
+    """One step at the contacts that are drawn."""
 
-    Attributes
-    ----------
-    x : (n_c, d)
-    frame : (n_c, d, d) or None
-    area : (n_c,) or None
-    mu : (n_c,) or (n_c, 2) or None
-    reaction, status, gap, slip
-        As in a `Step`; ``gap`` is the normal part of the relative displacement.
-    wear : (n_c,) or None
-        Depth worn off.
-    cohesion : (n_c,) or None
-        Cohesion of unbroken contacts, zero at broken ones.
-    units
-        Names by ``"length"``, ``"force"``, ``"stress"``.
-    surface : (n_c,) or None
-        Number of the surface of each contact, if known.
-    names
-        Names ``"body.surface"`` of the surfaces by number.
-    said
-        ``"load step 3 of 8"``, or "" if there is one step only.
-    facets : (m, k) or None
-        Facets of a surface in 3D, as `triangles.check_facets`.
-    """
-
-    x: Floats
-    frame: Floats | None
-    area: Floats | None
-    mu: Floats | None
+    x: Floats  # (n_c, d)
+    frame: Floats | None  # (n_c, d, d) or None
+    area: Floats | None  # (n_c,) or None
+    mu: Floats | None  # (n_c,) or (n_c, 2) or None
+    # reaction, status, gap, slip: as in a `Step`; `gap` is the normal part of the relative
+    # displacement.
     reaction: Floats
     status: Integers
     gap: Floats
     slip: Floats
-    units: Mapping[str, str]
-    wear: Floats | None = None
+    units: Mapping[str, str]  # names by `"length"`, `"force"`, `"stress"`
+    wear: Floats | None = None  # (n_c,) or None: depth worn off
+    # (n_c,) or None: cohesion of unbroken contacts, zero at broken ones.
     cohesion: Floats | None = None
+    # (n_c,) or None: number of the surface of each contact, if known.
     surface: Integers | None = None
-    names: Sequence[str] = ()
-    said: str = ""
+    names: Sequence[str] = ()  # names `"body.surface"` of the surfaces by number
+    said: str = ""  # `"load step 3 of 8"`, or "" if there is one step only
+    # (m, k) or None: facets of a surface in 3D, as `triangles.check_facets`.
     facets: Ints | None = None
 
     @property
@@ -232,10 +213,8 @@ def look(
 ) -> DrawnContacts:
     """Data to draw of a `Result`, a `Step` or a `Solution`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        An argument is missing, or of a wrong type or shape; the message names it.
+    Raises `TypeError` or `ValueError`: an argument is missing, or of a wrong type or shape; the
+    message names it.
     """
     solution = one_step(found, step)
     arrays_of_contacts = contacts_of(found, contacts)

@@ -37,18 +37,12 @@ def error_map(
 ) -> None:
     """Draw the error energy of each element, relative to the mean.
 
-    Parameters
-    ----------
-    path
-        Picture to write; the suffix chooses the format.
-    nodes, cells
-        ``(nodes, d)`` and the cells of each body, as `Model.nodes` and `Model.cells`.
-    energies
-        ``(cells,)``, as `DiscretisationError.cells`, not all zero.
-    contacts
-        Points ``(n_c, d)``; in 2D a second panel shows their surroundings.
-    title, unit
-        Title; name of the unit of length.
+    ``path``: picture to write; the suffix chooses the format.
+    ``nodes, cells``: ``(nodes, d)`` and the cells of each body, as `Model.nodes` and
+    `Model.cells`.
+    ``energies``: ``(cells,)``, as `DiscretisationError.cells`, not all zero.
+    ``contacts``: points ``(n_c, d)``; in 2D a second panel shows their surroundings.
+    ``title, unit``: title; name of the unit of length.
     """
     from matplotlib.figure import Figure
 

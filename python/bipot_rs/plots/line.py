@@ -259,12 +259,8 @@ def draw_zones(seen: DrawnContacts, status: Integers, ax: Axes) -> Axes:
 
     Several surfaces are drawn above each other.
 
-    Parameters
-    ----------
-    seen
-        The last step, from which the positions are taken.
-    status
-        ``(steps, n_c)`` of the contacts to draw.
+    ``seen``: the last step, from which the positions are taken.
+    ``status``: ``(steps, n_c)`` of the contacts to draw.
     """
     lines, name = lines_of(seen, None)
     steps = len(status)

@@ -35,20 +35,12 @@ def write_figure(
 ) -> None:
     """Draw one load step, and the load path.
 
-    Parameters
-    ----------
-    path
-        Picture to write; the suffix chooses the format.
-    result, step, where, units
-        As in `plots.tractions`. Each surface has separate lines, in 3D maps; a curved one
-        without ``facets`` is drawn as dots.
-    title
-        Title; the number of the load step is added.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Data are missing or have a wrong shape; the message names them.
+    ``path``: picture to write; the suffix chooses the format.
+    ``result, step, where, units``: as in `plots.tractions`. Each surface has separate lines, in
+    3D maps; a curved one without ``facets`` is drawn as dots.
+    ``title``: title; the number of the load step is added.
+    Raises `TypeError` or `ValueError`: data are missing or have a wrong shape; the message
+    names them.
     """
     from matplotlib.figure import Figure
 

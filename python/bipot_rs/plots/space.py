@@ -162,12 +162,8 @@ def draw_space(
 ) -> Axes3D:
     """Draw `surface3d` by matplotlib into existing axes.
 
-    Parameters
-    ----------
-    model
-        The `fem.Assembly` whose outline is drawn; None for none.
-    below
-        Whether the colour bar is below the axes.
+    ``model``: the `fem.Assembly` whose outline is drawn; None for none.
+    ``below``: whether the colour bar is below the axes.
     """
     from matplotlib.colors import Normalize
 

@@ -27,24 +27,14 @@ _MOST = 18
 
 @dataclass(frozen=True)
 class StudySeries:
-    """Rows that differ in nothing but the horizontal axis.
+    """Rows that differ in nothing but the horizontal axis."""
 
-    Attributes
-    ----------
-    name
-        Its entry in the legend.
-    x, y : (m,)
-        Values of its rows.
-    partial : (m,) bool
-        Rows that were not solved to the end.
-    number
-        A number for the colour bar; None if its name is not a number.
-    """
-
-    name: str
+    name: str  # its entry in the legend
+    # x, y (m,): values of its rows.
     x: Floats
     y: Floats
-    partial: NDArray[np.bool_]
+    partial: NDArray[np.bool_]  # (m,) bool: rows that were not solved to the end
+    # A number for the colour bar; None if its name is not a number.
     number: float | None = None
 
 
@@ -59,18 +49,11 @@ def study(
 ) -> Axes:
     """Draw the series with one colour each; crosses are rows not solved to the end.
 
-    Parameters
-    ----------
-    series
-        At least one.
-    x, y
-        Name and unit of the axes; the unit is None if there is none.
-    parameter
-        What the names of the series are values of.
-    lines
-        Connect the solved rows of a series in the order of ``x``.
-    ax
-        Axes to draw into; default those of a new figure, ``ax.figure``.
+    ``series``: at least one.
+    ``x, y``: name and unit of the axes; the unit is None if there is none.
+    ``parameter``: what the names of the series are values of.
+    ``lines``: connect the solved rows of a series in the order of ``x``.
+    ``ax``: axes to draw into; default those of a new figure, ``ax.figure``.
     """
     ax = style.axes_of(ax)
     colours = _colours(series)

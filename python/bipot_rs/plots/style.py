@@ -94,12 +94,9 @@ def axes_of(
 ) -> Axes:
     """``ax``, or the axes of a new figure; ``space`` asks for axes in 3D.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        matplotlib is not installed; the message says how to install it.
-    TypeError
-        ``ax`` is not axes of matplotlib, or has the wrong projection.
+    Raises `ModuleNotFoundError`: matplotlib is not installed; the message says how to install
+    it.
+    Raises `TypeError`: ``ax`` is not axes of matplotlib, or has the wrong projection.
     """
     load_library("matplotlib", extra="cli", need="pictures")
     from matplotlib.axes import Axes

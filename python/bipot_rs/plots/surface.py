@@ -212,12 +212,8 @@ def span(
 
     The side is in the words of matplotlib: "neither", "min", "max" or "both".
 
-    Parameters
-    ----------
-    values, area
-        ``(n_c,)``; without areas all contacts have the same.
-    limits
-        The range, if it is chosen.
+    ``values, area``: ``(n_c,)``; without areas all contacts have the same.
+    ``limits``: the range, if it is chosen.
     """
     if limits is not None:
         return *limits, beyond(values, *limits)

@@ -25,43 +25,23 @@ _ONCE = 3.0
 
 @dataclass(frozen=True)
 class Places:
-    """Contacts in the order of a line.
+    """Contacts in the order of a line."""
 
-    Attributes
-    ----------
-    order : (m,)
-        Numbers of the contacts; for a closed line the first one is repeated at the end.
-    s : (m,)
-        Their positions, ascending.
-    towards : (m, d)
-        Unit vectors in the direction of growing s.
-    name
-        Label of s.
-    once
-        Whether the contacts form one line, so that they can be joined.
-    """
-
+    # (m,): numbers of the contacts; for a closed line the first one is repeated at the end.
     order: Ints
-    s: Floats
-    towards: Floats
-    name: str
-    once: bool = True
+    s: Floats  # (m,): their positions, ascending
+    towards: Floats  # (m, d): unit vectors in the direction of growing s
+    name: str  # label of s
+    once: bool = True  # whether the contacts form one line, so that they can be joined
 
 
 def places(x: Floats, along: ArrayLike | str | None) -> Places:
     """Positions of contacts ``x (n_c, d)`` along a line.
 
-    Parameters
-    ----------
-    along
-        A direction ``(d,)`` or ``"x"``, ``"y"``, ``"z"``, onto which contacts are
-        projected; or ``"arc"`` for the arc length of the chain of contacts. Default in 2D:
-        the direction of a straight line, else the arc length. Required in 3D.
-
-    Raises
-    ------
-    ValueError
-        A wrong ``along``; contacts in 3D that do not lie on a line.
+    ``along``: a direction ``(d,)`` or ``"x"``, ``"y"``, ``"z"``, onto which contacts are
+    projected; or ``"arc"`` for the arc length of the chain of contacts. Default in 2D: the
+    direction of a straight line, else the arc length. Required in 3D.
+    Raises `ValueError`: a wrong ``along``; contacts in 3D that do not lie on a line.
     """
     d = x.shape[1]
     if isinstance(along, str):

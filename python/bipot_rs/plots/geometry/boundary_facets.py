@@ -47,15 +47,9 @@ def _shape(kind: str) -> str:
 def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
     """Boundary facets of each body, and the cell of each facet.
 
-    Parameters
-    ----------
-    cells
-        As `fem.Assembly.cells`; numbers of cells continue from body to body.
-
-    Returns
-    -------
-    list of (facets, cell)
-        Nodes ``(m, corners)`` in order around the facet, and cells ``(m,)``.
+    ``cells``: as `fem.Assembly.cells`; numbers of cells continue from body to body.
+    Returns ``list of (facets, cell)``: nodes ``(m, corners)`` in order around the facet, and
+    cells ``(m,)``.
     """
     facets_of_bodies: list[tuple[Ints, Ints]] = []
     first = 0

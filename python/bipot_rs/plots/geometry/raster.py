@@ -30,21 +30,11 @@ _EDGE = 1e-6
 
 @dataclass(frozen=True)
 class Raster:
-    """Pixels that cover a rectangle exactly.
+    """Pixels that cover a rectangle exactly."""
 
-    Attributes
-    ----------
-    low : (2,)
-        Lower left corner.
-    width : (2,)
-        Width and height of a pixel.
-    count : (2,)
-        Number of pixels in the two directions.
-    """
-
-    low: Floats
-    width: Floats
-    count: NDArray[np.int64]
+    low: Floats  # (2,): lower left corner
+    width: Floats  # (2,): width and height of a pixel
+    count: NDArray[np.int64]  # (2,): number of pixels in the two directions
 
     @classmethod
     def around(cls, uv: Floats) -> Raster:
@@ -67,12 +57,8 @@ class Raster:
     def interpolate(self, uv: Floats, triangles: Ints, values: Floats) -> Floats:
         """Linear interpolation of nodal values, ``(rows, columns)``; NaN outside.
 
-        Parameters
-        ----------
-        uv, values
-            ``(n, 2)`` and ``(n,)``.
-        triangles
-            ``(t, 3)``. Where triangles overlap, the last one is seen.
+        ``uv, values``: ``(n, 2)`` and ``(n,)``.
+        ``triangles``: ``(t, 3)``. Where triangles overlap, the last one is seen.
         """
         image = np.full(self.count[::-1], np.nan)
         # Coordinates in which the centres of pixels are whole numbers.

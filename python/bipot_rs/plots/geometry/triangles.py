@@ -28,11 +28,8 @@ _HALVES = 2.0
 def check_facets(facets: object, contacts: int) -> Ints:
     """Facets ``(m, k)`` of contacts; a `ValueError` says what is wrong.
 
-    Parameters
-    ----------
-    facets
-        Numbers of contacts, corners first, in the order of VTK; rows of facets with fewer
-        nodes end in -1.
+    ``facets``: numbers of contacts, corners first, in the order of VTK; rows of facets with
+    fewer nodes end in -1.
     """
     numbers = np.asarray(facets)
     if numbers.dtype.kind not in "iu" or numbers.ndim != 2:
@@ -95,13 +92,9 @@ def of_points(uv: Floats, area: Floats | None) -> Ints:
     The areas of triangles and nodes are compared, not lengths: cells may be as long and as
     graded as they are in the mesh.
 
-    Parameters
-    ----------
-    uv
-        At least three points, not on one line.
-    area
-        Tributary areas ``(n,)``. If unknown, they are estimated from the triangles around
-        each point, at most half of which may lie across a hole.
+    ``uv``: at least three points, not on one line.
+    ``area``: tributary areas ``(n,)``. If unknown, they are estimated from the triangles around
+    each point, at most half of which may lie across a hole.
     """
     from scipy.spatial import Delaunay
 
