@@ -76,7 +76,7 @@ def tractions_cube() -> Any:
     """Tractions along the middle of the base of the cube."""
     case, result = cube()
     where = middle_line(case.model)
-    return bp.plots.tractions(result, along=[1, 0, 0], where=where)
+    return bp.plots.tractions(result, along=[1, 0, 0], on=where)
 
 
 def loop() -> Any:

@@ -54,14 +54,22 @@ def printable(text: str) -> str:
     )
 
 
+# Earlier and other words for keys, arguments and options, and the one that replaces them.
+RENAMED = dict.fromkeys(("where", "surface", "face", "facets", "region"), "on")
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The known name most similar to ``word``, or ""; case and ``-`` are ignored."""
+    """The known name that replaces or resembles ``word``, or ""; case and ``-`` are ignored."""
     from difflib import get_close_matches
 
     def plain(name: str) -> str:
         return name.lower().replace("-", "_")
 
     names = {plain(name): name for name in known}
+    dashes = len(word) - len(word.lstrip("-"))
+    renamed = "_" * dashes + RENAMED.get(plain(word[dashes:]), " ")
+    if renamed in names:
+        return names[renamed]
     similar = get_close_matches(plain(word), names, n=1, cutoff=0.6)
     return names[similar[0]] if similar else ""
 

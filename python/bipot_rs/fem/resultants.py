@@ -21,7 +21,7 @@ def contacts_by_surface(model: Assembly) -> dict[str, Ints]:
     return {name: np.flatnonzero(of_contact == name) for name in dict.fromkeys(names)}
 
 
-def contacts_on(model: Assembly, name: str) -> Ints:
+def contacts_on(model: Assembly, on: str) -> Ints:
     """Numbers of the contacts on one surface, ascending.
 
     Raises
@@ -30,17 +30,17 @@ def contacts_on(model: Assembly, name: str) -> Ints:
         No contact is on it; the message lists the surfaces with contacts.
     """
     names = contacts_by_surface(model)
-    if name not in names:
-        raise ValueError(f"there is no contact on {name!r}{instead(name, names)}")
-    return names[name]
+    if on not in names:
+        raise ValueError(f"there is no contact on {on!r}{instead(on, names)}")
+    return names[on]
 
 
-def contact_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
+def contact_force(model: Assembly, steps: Sequence[Step], on: str) -> Floats:
     """Force of the contacts on a surface on its body, ``(steps, d)`` [N].
 
     In global components. Errors as `contacts_on`.
     """
-    contacts = contacts_on(model, name)
+    contacts = contacts_on(model, on)
     forces = np.zeros((len(steps), model.dim))
     for force, step in zip(forces, steps, strict=True):
         frame = find_step_frames(step, model.frame)[contacts]
@@ -48,7 +48,7 @@ def contact_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
     return forces
 
 
-def support_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
+def support_force(model: Assembly, steps: Sequence[Step], on: str) -> Floats:
     """Force of the supports on a surface on their body, ``(steps, d)`` [N].
 
     ``K u - f - Bᵀ r`` at the prescribed degrees of freedom, in global components. One that
@@ -65,11 +65,11 @@ def support_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
     prescribed = [
         dofs.ravel()
         for dofs, surface_name in zip(model.support_dofs, names, strict=True)
-        if surface_name == name
+        if surface_name == on
     ]
     if not prescribed:
         raise ValueError(
-            f"there is no support on {name!r}" + instead(name, dict.fromkeys(names))
+            f"there is no support on {on!r}" + instead(on, dict.fromkeys(names))
         )
     dofs = np.unique(np.concatenate(prescribed))
     forces = np.zeros((len(steps), model.dim))

@@ -116,9 +116,10 @@ def chosen(
     picture = KINDS[name]
     for option in options:
         if not picture.takes(option):
+            expected = list(signature(picture.draw).parameters)[1:]
             raise TypeError(
                 f"{option} is no argument of the picture {name!r}, expected some of "
-                f"{', '.join(list(signature(picture.draw).parameters)[1:])}"
+                f"{', '.join(expected)}{meant(option, expected)}"
             )
     if model is None:
         model, _ = model_of(result)
@@ -132,7 +133,7 @@ def chosen(
 
 def _usual(result: object, options: Mapping[str, Any]) -> str:
     """The picture of a result if none is named."""
-    choices = {k: options[k] for k in ("step", "contacts", "where") if k in options}
+    choices = {k: options[k] for k in ("step", "contacts", "on") if k in options}
     path = result if isinstance(result, Result) else None
     if path is not None and len(path) and path[-1].reaction.shape[1] == 2:
         return "tractions"

@@ -208,7 +208,7 @@ def look(
     step: int = -1,
     *,
     contacts: ContactsArgument | None = None,
-    where: ArrayLike | None = None,
+    on: ArrayLike | None = None,
     units: Mapping[str, str] | None = None,
 ) -> DrawnContacts:
     """Data to draw of a `Result`, a `Step` or a `Solution`.
@@ -261,7 +261,7 @@ def look(
         **optional,  # type: ignore[arg-type]
         **fields,  # type: ignore[arg-type]
     )
-    return seen if where is None else seen.part(selection(where, n, arrays_of_contacts))
+    return seen if on is None else seen.part(selection(on, n, arrays_of_contacts))
 
 
 def surface_of(known: ContactData, contacts: int) -> Ints | None:
@@ -306,28 +306,28 @@ def names_of(known: ContactData) -> list[str]:
 
 
 def selection(
-    where: ArrayLike | str | None,
+    on: ArrayLike | str | None,
     contacts: int,
     known: ContactData = MappingProxyType({}),
 ) -> Chosen:
     """Contacts chosen by a mask, by numbers or by the name of a surface; default all."""
-    if where is None:
+    if on is None:
         return slice(None)
-    if isinstance(where, str):
-        return _of_surface(where, known)
-    chosen = np.asarray(where)
+    if isinstance(on, str):
+        return _of_surface(on, known)
+    chosen = np.asarray(on)
     if chosen.dtype == np.bool_:
         if chosen.shape != (contacts,):
-            raise ValueError(f"where has shape {chosen.shape}, expected ({contacts},)")
+            raise ValueError(f"on has shape {chosen.shape}, expected ({contacts},)")
         chosen = np.flatnonzero(chosen)
     elif chosen.dtype.kind not in "iu" or chosen.ndim != 1:
         raise TypeError(
-            f"where has entries of type {chosen.dtype}, expected a mask or integers"
+            f"on has entries of type {chosen.dtype}, expected a mask or integers"
         )
     if not chosen.size:
-        raise ValueError("where selects no contacts, expected one or more")
+        raise ValueError("on selects no contacts, expected one or more")
     if chosen.min() < 0 or chosen.max() >= contacts:
-        raise ValueError(f"where is out of range, expected 0 to {contacts - 1}")
+        raise ValueError(f"on is out of range, expected 0 to {contacts - 1}")
     return chosen
 
 
@@ -336,8 +336,8 @@ def _of_surface(name: str, known: ContactData) -> NDArray[np.intp]:
     names = names_of(known)
     if not names:
         raise ValueError(
-            f"where is {name!r}, but the surfaces of the contacts are not known: pass the "
-            "model as contacts=, or a mask as where="
+            f"on is {name!r}, but the surfaces of the contacts are not known: pass the "
+            "model as contacts=, or a mask as on="
         )
     wanted = {name, *(f"{name} {k}" for k in range(len(names)))}
     mine = [k for k, surface_name in enumerate(names) if surface_name in wanted]

@@ -30,7 +30,7 @@ def tractions(
     *,
     step: int = -1,
     along: ArrayLike | str | None = None,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -55,7 +55,7 @@ def tractions(
         if x is equal), a closed one at its largest x, counter-clockwise. Default in 2D:
         the direction of a straight line, else the arc length. Contacts that do not form
         one line are drawn as separate marks.
-    where
+    on
         Contacts to draw: a mask ``(n_c,)``, numbers, or the name of their surface,
         ``"body.surface"``. In 3D select those of one line.
     contacts
@@ -74,7 +74,7 @@ def tractions(
     TypeError, ValueError
         A wrong argument, or missing data of the contacts; the message names them.
     """
-    seen = look(result, step, contacts=contacts, where=where, units=units)
+    seen = look(result, step, contacts=contacts, on=on, units=units)
     return draw_tractions(seen, along, style.axes_of(ax), style.range_of(limits))
 
 

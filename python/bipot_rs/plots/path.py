@@ -44,7 +44,7 @@ _MARKERS = 80
 def resultants(
     result: object,
     *,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
@@ -61,12 +61,12 @@ def resultants(
     ----------
     result
         A `Result`.
-    where, contacts, units, ax
+    on, contacts, units, ax
         As in `tractions`. Without frames, components are added.
     """
     units = units_of(result, units)
     path, arrays = steps_of(result), contacts_of(result, contacts)
-    chosen, frame, mu = _choose(path, where, arrays)
+    chosen, frame, mu = _choose(path, on, arrays)
     surface = surface_of(arrays, len(path[0].status))
     reaction = path.reaction[:, chosen]
     if surface is None:
@@ -171,7 +171,7 @@ def _name_surfaces(names: Sequence[str], ax: Axes, curved: bool, limited: bool) 
 def status_shares(
     result: object,
     *,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     ax: Axes | None = None,
     contacts: ContactsArgument | None = None,
 ) -> Axes:
@@ -181,12 +181,12 @@ def status_shares(
     ----------
     result
         A `Result`.
-    where, contacts, ax
+    on, contacts, ax
         As in `tractions`.
     """
     path = steps_of(result)
     arrays = contacts_of(path, contacts)
-    status = path.status[:, selection(where, len(path[0].status), arrays)]
+    status = path.status[:, selection(on, len(path[0].status), arrays)]
     ax = canvas.axes_of(ax)
     steps = len(status)
     number = np.arange(1, steps + 1)
@@ -214,7 +214,7 @@ def force_displacement(
     displacement: ArrayLike | None = None,
     *,
     name: str | None = None,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
@@ -236,7 +236,7 @@ def force_displacement(
         displacement of the contacts along the force.
     name
         Label of the displacement.
-    where, contacts, units, ax
+    on, contacts, units, ax
         As in `resultants`.
 
     Raises
@@ -245,7 +245,7 @@ def force_displacement(
         A wrong argument, or unknown frames; the message names them.
     """
     path, units = steps_of(result), units_of(result, units)
-    chosen, frame, mu = _choose(path, where, contacts_of(path, contacts))
+    chosen, frame, mu = _choose(path, on, contacts_of(path, contacts))
     _, drag, limit, main = sums(path.reaction[:, chosen], frame, mu)
     if displacement is None:
         v = path.relative_displacement[:, chosen, 1:]
@@ -310,11 +310,11 @@ def _style(steps: int) -> canvas.LineStyle:
 
 
 def _choose(
-    path: Result, where: ArrayLike | str | None, known: ContactData
+    path: Result, on: ArrayLike | str | None, known: ContactData
 ) -> tuple[Chosen, Floats | None, Floats | None]:
     """Contacts to draw, their frames and their friction coefficients."""
     n, d = path[0].reaction.shape
-    chosen = selection(where, n, known)
+    chosen = selection(on, n, known)
     frame, mu = known.get("frame"), known.get("mu")
     if frame is not None:
         frame = floats("frame of contacts", frame, shape=(n, d, d))

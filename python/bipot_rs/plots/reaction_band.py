@@ -29,7 +29,7 @@ def reaction_band(
     *,
     contacts: ContactsArgument,
     along: ArrayLike | str | None = None,
-    where: ArrayLike | None = None,
+    on: ArrayLike | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -44,8 +44,8 @@ def reaction_band(
         What `ReducedProblem.reaction_ranges` returns.
     contacts
         A mapping with ``x (n_c, d)``, or the model.
-    along, where, units, ax
-        As in `tractions`; ``where`` is a mask or numbers of contacts.
+    along, on, units, ax
+        As in `tractions`; ``on`` is a mask or numbers of contacts.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def reaction_band(
         raise ValueError(
             f"x of contacts has {len(x)} rows, expected one for each contact"
         )
-    chosen = np.arange(len(x))[selection(where, len(x), arrays)]
+    chosen = np.arange(len(x))[selection(on, len(x), arrays)]
     every = [interval for interval in every if interval.contact in chosen]
     line = places(x[[interval.contact for interval in every]], along)
     least, answers, largest = (

@@ -29,14 +29,14 @@ def write_figure(
     result: Result,
     *,
     step: int = -1,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     title: str = "",
     units: Mapping[str, str] | None = None,
 ) -> None:
     """Draw one load step, and the load path.
 
     ``path``: picture to write; the suffix chooses the format.
-    ``result, step, where, units``: as in `plots.tractions`. Each surface has separate lines, in
+    ``result, step, on, units``: as in `plots.tractions`. Each surface has separate lines, in
     3D maps; a curved one without ``facets`` is drawn as dots.
     ``title``: title; the number of the load step is added.
     Raises `TypeError` or `ValueError`: data are missing or have a wrong shape; the message
@@ -45,7 +45,7 @@ def write_figure(
     from matplotlib.figure import Figure
 
     # The title of the figure has the number of the step.
-    seen = replace(look(result, step, where=where, units=units), said="")
+    seen = replace(look(result, step, on=on, units=units), said="")
     flat = seen.x.shape[1] == 2
     several = len(result) > 1
     # Not pyplot: it would keep the figure and choose a backend for the process.
@@ -64,8 +64,8 @@ def write_figure(
     number = number_of(result, step)
     if several and number is not None:
         left, right = parts[-1].subplots(1, 2)
-        resultants(result, where=where, units=units, ax=left)
-        status_shares(result, where=where, ax=right)
+        resultants(result, on=on, units=units, ax=left)
+        status_shares(result, on=on, ax=right)
         place = f"load step {number[0] + 1} of {number[1]}"
         title = f"{title}, {place}" if title else place
     figure.suptitle(title, fontsize=13, fontweight="bold")

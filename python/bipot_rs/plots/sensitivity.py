@@ -43,7 +43,7 @@ def sensitivity(
     unit: str | None = None,
     step: int | None = None,
     along: ArrayLike | str | None = None,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
@@ -71,7 +71,7 @@ def sensitivity(
         Name and unit of the number, for the label.
     step
         Load step in which the gap changes. Default: it changes alike in all steps.
-    along, where, contacts, units, ax
+    along, on, contacts, units, ax
         As in `tractions`.
 
     Raises
@@ -88,9 +88,9 @@ def sensitivity(
         )
     result = gradient.result
     at = -1 if step is None else step
-    seen = look(result, at, contacts=contacts, where=where, units=units)
+    seen = look(result, at, contacts=contacts, on=on, units=units)
     arrays = contacts_of(result, contacts)
-    chosen = selection(where, gradient.mu.shape[0], arrays)
+    chosen = selection(on, gradient.mu.shape[0], arrays)
     values = _values(gradient, by, step)[chosen]
     # The gap of a step acts on all steps after it, through the slip.
     borders = gradient.one_sided[0 if step is None else step :]

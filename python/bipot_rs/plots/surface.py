@@ -61,7 +61,7 @@ def surface_map(
     *,
     step: int = -1,
     arrows: bool | None = None,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -81,9 +81,9 @@ def surface_map(
 
     Parameters
     ----------
-    result, step, where, contacts, limits, units, ax
+    result, step, on, contacts, limits, units, ax
         As in `tractions`; ``limits`` are those of the colours. If there are several
-        surfaces, select one with ``where``.
+        surfaces, select one with ``on``.
     quantity
         ``"pressure"``, ``"shear"`` (magnitude), ``"slip"`` (magnitude in the step, zero
         at sticking and open contacts), ``"gap"`` (zero at closed contacts).
@@ -100,7 +100,7 @@ def surface_map(
         raise ValueError(
             f"quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}"
         )
-    seen = look(result, step, contacts=contacts, where=where, units=units)
+    seen = look(result, step, contacts=contacts, on=on, units=units)
     vectors = {"shear": seen.traction[:, 1:], "slip": closed_slip(seen)}
     vector = vectors.get(quantity)
     if arrows is None:
@@ -241,7 +241,7 @@ def status_map(
     result: object,
     *,
     step: int | None = None,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
@@ -253,13 +253,13 @@ def status_map(
 
     Parameters
     ----------
-    result, where, contacts, units, ax
+    result, on, contacts, units, ax
         As in `surface_map`; in 2D several surfaces have separate rows.
     step
         Step of a result; default the last one, in 2D all.
     """
     last = -1 if step is None else step
-    seen = look(result, last, contacts=contacts, where=where, units=units)
+    seen = look(result, last, contacts=contacts, on=on, units=units)
     own_axes, ax = ax is None, style.axes_of(ax)
     if seen.x.shape[1] == 3:
         draw_status(seen, ax)
@@ -269,7 +269,7 @@ def status_map(
     if step is None and isinstance(result, Result):
         path = steps_of(result)
         arrays = contacts_of(path, contacts)
-        chosen = selection(where, len(path[0].status), arrays)
+        chosen = selection(on, len(path[0].status), arrays)
         return draw_zones(seen, path.status[:, chosen], ax)
     draw_zones(seen, seen.status[None], ax)
     ax.set_yticks([])
@@ -301,7 +301,7 @@ def slip(
     *,
     step: int = -1,
     along: ArrayLike | str | None = None,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -315,11 +315,11 @@ def slip(
 
     Parameters
     ----------
-    result, step, along, where, contacts, limits, units, ax
+    result, step, along, on, contacts, limits, units, ax
         As in `tractions`; in 3D ``along`` draws a line instead of arrows, and the longest
         arrow is that of the upper limit.
     """
-    seen = look(result, step, contacts=contacts, where=where, units=units)
+    seen = look(result, step, contacts=contacts, on=on, units=units)
     own_axes, ax, limits = ax is None, style.axes_of(ax), style.range_of(limits)
     if seen.x.shape[1] == 2 or along is not None:
         return draw_slip(seen, along, ax, limits)

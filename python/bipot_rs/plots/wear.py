@@ -29,7 +29,7 @@ def wear(
     *,
     cycles: ArrayLike | None = None,
     along: ArrayLike | str | None = None,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
@@ -45,7 +45,7 @@ def wear(
     cycles
         Numbers of cycles that were solved. Default: the first, the last, and those between
         at which about 1/4, 1/2 and 3/4 of the largest depth were worn off.
-    along, where, contacts, units, ax
+    along, on, contacts, units, ax
         As in `tractions`. Without areas, ``"pressure"`` is the normal force.
 
     Raises
@@ -59,7 +59,7 @@ def wear(
     ax = style.axes_of(ax)
     largest = 0.0
     for number, k in enumerate(chosen):
-        seen = look(path, k, contacts=contacts, where=where, units=units)
+        seen = look(path, k, contacts=contacts, on=on, units=units)
         values = seen.traction[:, 0] if quantity == "pressure" else seen.wear
         values = np.asarray(values, np.float64)
         largest = max(largest, float(values.max(initial=0.0)))
@@ -88,7 +88,7 @@ def both(
     result: object,
     *,
     along: ArrayLike | str | None = None,
-    where: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
 ) -> Axes:
     """Draw pressure above depth in a new figure; arguments as of `wear`."""
     from matplotlib.figure import Figure
@@ -96,8 +96,8 @@ def both(
     width, height = style.SIZE
     figure = Figure(figsize=(width, 1.7 * height), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    wear(result, "pressure", along=along, where=where, ax=above)
-    wear(result, "depth", along=along, where=where, ax=below)
+    wear(result, "pressure", along=along, on=on, ax=above)
+    wear(result, "depth", along=along, on=on, ax=below)
     legend = below.get_legend()
     if legend is not None:
         legend.remove()

@@ -523,26 +523,26 @@ class ModelResult(Result):
             self._reviewed = Remarks((*self._remarks, *remarks))
         return self._reviewed
 
-    def contacts_of(self, name: str) -> Ints:
+    def contacts_of(self, on: str) -> Ints:
         """Numbers of the contacts on a surface ``"body.surface"``, ascending.
 
         The surface is ``on`` of the contact's table. As `fem.resultants.contacts_on`.
         """
-        return resultants.contacts_on(self.case.model, name)
+        return resultants.contacts_on(self.case.model, on)
 
-    def contact_force(self, name: str) -> Floats:
+    def contact_force(self, on: str) -> Floats:
         """Force of the contacts on a surface on its body, ``(steps, d)`` [N].
 
         As `fem.resultants.contact_force`.
         """
-        return resultants.contact_force(self.case.model, self.steps, name)
+        return resultants.contact_force(self.case.model, self.steps, on)
 
-    def support_force(self, name: str) -> Floats:
+    def support_force(self, on: str) -> Floats:
         """Force of the supports on a surface on their body, ``(steps, d)`` [N].
 
         As `fem.resultants.support_force`.
         """
-        return resultants.support_force(self.case.model, self.steps, name)
+        return resultants.support_force(self.case.model, self.steps, on)
 
     def reference_motion(self, name: str) -> tuple[Floats, Floats]:
         """Translation [m] and rotation [rad] of an obstacle with a force, or of a remote.

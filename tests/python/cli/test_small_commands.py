@@ -597,6 +597,7 @@ def test_every_command_has_help(bipot: Any) -> None:
         (["sweep", "--join", "a", "--jobs", "2"], "there is no option --jobs"),
         (["--verson"], "there is no option --verson, did you mean '--version'?"),
         (["--", "run"], "there is no option --;"),
+        (["plot", "a", "--where", "b"], "no option --where, did you mean '--on'?"),
     ],
 )
 def test_wrong_words_have_a_message(words: list[str], message: str, bipot: Any) -> None:

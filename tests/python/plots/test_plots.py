@@ -137,11 +137,11 @@ def test_tractions_are_those_of_the_result(line: Any) -> None:
 def test_an_earlier_step_and_a_part(line: Any) -> None:
     model, result = line
     right = model.points[:, 0] > 0
-    ax = plots.tractions(result, step=0, where=right)
+    ax = plots.tractions(result, step=0, on=right)
     np.testing.assert_array_equal(
         drawn_lines(ax)["pressure"][:, 1], result.traction[0][right][:, 0]
     )
-    again = plots.tractions(result[0], where=np.flatnonzero(right), contacts=model)
+    again = plots.tractions(result[0], on=np.flatnonzero(right), contacts=model)
     np.testing.assert_array_equal(
         drawn_lines(again)["pressure"], drawn_lines(ax)["pressure"]
     )
@@ -171,7 +171,7 @@ def test_a_curve_is_drawn_by_its_length() -> None:
 def test_a_line_on_a_surface(cube: Any) -> None:
     model, result = cube
     middle = np.isclose(model.points[:, 1], np.unique(model.points[:, 1])[3])
-    ax = plots.tractions(result, along=[2.0, 0, 0], where=middle)
+    ax = plots.tractions(result, along=[2.0, 0, 0], on=middle)
     order = np.flatnonzero(middle)[np.argsort(model.points[middle, 0])]
     shear = np.einsum("ck,ckd->cd", result.traction[-1][:, 1:], model.frame[:, 1:])
     np.testing.assert_allclose(drawn_lines(ax)["shear"][:, 1], shear[order, 0])
@@ -808,7 +808,7 @@ def test_a_band_of_reactions() -> None:
     # A quarter of what is finite beyond it.
     largest = max(ranges[0].largest, free.found)
     np.testing.assert_allclose(top, [0.5, 1.25 * largest])
-    few = plots.reaction_band(ranges, contacts={"x": SUPPORTS}, where=[0, 2])
+    few = plots.reaction_band(ranges, contacts={"x": SUPPORTS}, on=[0, 2])
     assert few.get_lines()[0].get_xdata().tolist() == [0, 2]
     with pytest.raises(TypeError, match="ranges"):
         plots.reaction_band([1], contacts={"x": SUPPORTS})  # type: ignore[list-item]
@@ -968,12 +968,13 @@ def test_no_state_is_left(tmp_path: Path) -> None:
             "step is 9, expected 0 to",
         ),
         (lambda r: plots.tractions(r[0]), ValueError, "places of the contacts"),
-        (lambda r: plots.tractions(r, where=[99]), ValueError, "where is out of range"),
-        (lambda r: plots.tractions(r, where=[]), TypeError, "where has entries"),
+        (lambda r: plots.tractions(r, on=[99]), ValueError, "on is out of range"),
+        (lambda r: r.plot(where=[0]), TypeError, "where is no argument .* mean 'on'"),
+        (lambda r: plots.tractions(r, on=[]), TypeError, "on has entries"),
         (
-            lambda r: plots.tractions(r, where=[True]),
+            lambda r: plots.tractions(r, on=[True]),
             ValueError,
-            r"where has shape \(1",
+            r"on has shape \(1",
         ),
         (lambda r: plots.tractions(r, contacts=1), TypeError, "contacts is a int"),
         (lambda r: plots.tractions(r, units="mm"), TypeError, "units is a str"),

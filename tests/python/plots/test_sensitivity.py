@@ -75,7 +75,7 @@ def test_one_sided_contacts_have_rings(row: Any) -> None:
     np.testing.assert_array_equal(rings(ax), [[1.0, row.mu[2]]])
     legend = [text.get_text() for text in ax.get_legend().get_texts()]
     assert legend[-1] == "one-sided (1)"
-    assert rings(plots.sensitivity(row, where=[0, 1])) is None
+    assert rings(plots.sensitivity(row, on=[0, 1])) is None
 
 
 def test_the_unit_is_left_out_if_one_part_is_unknown(row: Any) -> None:
@@ -135,7 +135,7 @@ def test_arrows_of_the_bar_show_larger_values(values: list[int], sides: str) -> 
         ({"by": "load"}, ValueError, "by is 'load', expected 'mu' or 'gap'"),
         ({"by": "mu", "step": 0}, ValueError, "step is given, but the friction"),
         ({"by": "gap", "step": 3}, ValueError, "step is 3, expected 0 to 0"),
-        ({"where": [7]}, ValueError, "where is out of range, expected 0 to 2"),
+        ({"on": [7]}, ValueError, "on is out of range, expected 0 to 2"),
         ({"ax": 3}, TypeError, "ax is a int"),
     ],
 )

@@ -91,7 +91,7 @@ def test_each_surface_has_its_lines(clamped: Any) -> None:
         t1 = clamped.contacts["frame"][order, 1, 0]
         np.testing.assert_array_equal(dashed[1], clamped.traction[-1][order, 1] * t1)
     assert overlaps(ax.figure) == []
-    with_one = plots.tractions(clamped, where="pad.top")
+    with_one = plots.tractions(clamped, on="pad.top")
     assert "pad.top" not in labels(with_one)
     (pressure,) = (
         line for line in with_one.get_lines() if line.get_label() == "pressure"
@@ -144,15 +144,15 @@ def test_forces_of_two_surfaces_are_not_summed(clamped: Any) -> None:
 
 
 def test_where_selects_a_surface_by_name(clamped: Any) -> None:
-    seen = look(clamped, where="pad.top")
+    seen = look(clamped, on="pad.top")
     np.testing.assert_array_equal(
         seen.x, clamped.contacts["x"][clamped.contacts_of("pad.top")]
     )
     with pytest.raises(ValueError, match=r"no contact on 'pad.tob'.*mean 'pad.top'"):
-        plots.tractions(clamped, where="pad.tob")
+        plots.tractions(clamped, on="pad.tob")
     plain = bp.solve(np.eye(2), np.eye(2), [-1.0, 0], gap=[0], mu=0.3, points=[[0, 0]])
     with pytest.raises(ValueError, match="surfaces of the contacts are not known"):
-        plots.tractions(plain, where="pad.top")
+        plots.tractions(plain, on="pad.top")
 
 
 def test_surfaces_are_kept_in_a_file(clamped: Any, tmp_path: Path) -> None:

@@ -175,10 +175,12 @@ def test_mistakes_are_reported_together(said: Any) -> None:
         ("gamma", "gamma"),
         ("omega", ""),
         ("", ""),
+        ("where", "on"),
+        ("surface", "on"),
     ],
 )
 def test_nearest(word: str, found: str) -> None:
-    names = ["alpha_beta", "gamma", "x"]
+    names = ["alpha_beta", "gamma", "x", "on"]
     assert nearest(word, names) == found
     expected = f", did you mean {found!r}?" if found and found != word else ""
     assert meant(word, names) == expected

@@ -75,6 +75,13 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
             "contact.0.on: there is no body 'bottom', did you mean upper.bottom or",
         ],
     ),
+    (
+        ["support.0.surface=upper.top", "contact.0.where=upper.bottom"],
+        [
+            "support.0.surface: unknown key, did you mean support.0.on?",
+            "contact.0.where: unknown key, did you mean contact.0.on?",
+        ],
+    ),
     (["path.amplitude.wind=[1.0, 2.0]"], ["path.amplitude.wind: is not used"]),
     (["path.parameter=wind"], ["path.parameter: there is no amplitude 'wind'"]),
     (

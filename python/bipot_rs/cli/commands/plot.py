@@ -47,6 +47,7 @@ def add_arguments(parser: shared.Parser) -> None:
     )
     parser.add_argument(
         "--contact",
+        "--on",
         metavar="BODY.SURFACE",
         help="Contact surface to draw. Default: all.",
     )
@@ -104,7 +105,7 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
 
 # Arguments of the pictures, and the options of the command line.
 _OPTIONS = {
-    "where": "--contact",
+    "on": "--contact",
     "along": "--along",
     "step": "--step",
     "near": "--near",
@@ -184,7 +185,7 @@ def draw(
     target = path.with_name(f"{kind}.png") if out is None else out
     case = _case(path, attributes, scene, settings) if kind in with_bodies else None
     at = None if step is None else step - 1
-    asked = {"where": contact, "along": along, "step": at, "near": near, "scale": scale}
+    asked = {"on": contact, "along": along, "step": at, "near": near, "scale": scale}
     options: dict[str, Any] = {
         name: value for name, value in asked.items() if value is not None
     }

@@ -57,7 +57,7 @@ def places(x: Floats, along: ArrayLike | str | None) -> Places:
     if d == 3:
         raise ValueError(
             "along is missing: in three dimensions pass a direction or 'arc', and select the "
-            "contacts of a line by where=; or draw the whole surface by surface_map"
+            "contacts of a line by on=; or draw the whole surface by surface_map"
         )
     direction = _straight(x)
     return _arc(x) if direction is None else _project(x, direction)
@@ -168,7 +168,7 @@ def _chain(x: Floats) -> Ints:
     if max(map(len, links)) > 2:
         if x.shape[1] == 3:
             raise ValueError(
-                "the contacts do not lie on one line: select those of a line by where="
+                "the contacts do not lie on one line: select those of a line by on="
             )
         return _greedy(x, links)
     end = next(k for k, near in enumerate(links) if len(near) == 1)
