@@ -32,16 +32,11 @@ class Interrupts:
     ``last``: the process ends with the block. Signals are then ignored after it, because an
     interpreter that shuts down answers them with a traceback.
 
-    Attributes
-    ----------
-    came
-        Number of the first signal, or ``None``.
-    reported
-        Whether the command has reported how it ended.
-    at_once
-        Called instead of the exception, and does not return: while the process takes part
-        in collective calls, from which an exception of one process alone would leave the
-        others waiting.
+    ``came``: number of the first signal, or ``None``.
+    ``reported``: whether the command has reported how it ended.
+    ``at_once``: called instead of the exception, and does not return: while the process takes
+    part in collective calls, from which an exception of one process alone would leave the
+    others waiting.
     """
 
     def __init__(self, *, last: bool = False) -> None:

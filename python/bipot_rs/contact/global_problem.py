@@ -46,11 +46,6 @@ class GlobalProblem:
     mu
         Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, as in
         `ContactProblem`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        An argument is wrong; the message names it.
     """
 
     def __init__(
@@ -165,11 +160,6 @@ class GlobalProblem:
         solution
             A `Solution`, or reactions ``(n_c, d)``. If contact alone holds a body, a
             `Solution` is needed, because reactions do not determine ``v``.
-
-        Raises
-        ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         """
         given_solution = solution if isinstance(solution, Solution) else None
         r = floats(

@@ -364,8 +364,6 @@ class ContactProblem:
 
         Raises
         ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         NoEquilibriumError
             A contact penetrates and no reaction can move it.
         MemoryError
@@ -413,8 +411,6 @@ class ContactProblem:
 
         Raises
         ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         MemoryError
             ``W`` of all contacts does not fit into memory.
 
@@ -507,8 +503,6 @@ class ContactProblem:
 
         Raises
         ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         NoEquilibriumError
             No solution exists: contacts contradict each other, or friction and pressure
             cannot balance the loads on a body that contact alone holds. In the second case
@@ -597,8 +591,6 @@ class ContactProblem:
 
         Raises
         ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         NoEquilibriumError, NotConvergedError
             A step of length ``smallest`` failed. The message gives the last ``s``, and
             ``.result`` holds the steps up to there.

@@ -82,8 +82,6 @@ class ReducedProblem:
 
     Raises
     ------
-    TypeError, ValueError
-        An argument is wrong; the message names it.
     NoEquilibriumError
         A contact penetrates and no reaction can move it.
     FloatingBodyError
@@ -235,16 +233,10 @@ class ReducedProblem:
     def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
         """Residual η of (13) at the reactions ``r (n_c, d)``, the same for all methods.
 
-        If there are rigid motions and ``a (k,)`` is not given, η is the least over all
-        ``a``: of a solution at most ten times that with its own ``a``, to rounding. If
-        ``mu`` is ``(n_c, 2)``, η is that of the scaled variables of section 3 of
-        ``docs/theory.md``.
-
-        Raises
-        ------
-        TypeError, ValueError
-            ``r`` is not ``(n_c, d)`` or ``a`` is not ``(k,)``, or a number is not finite; or
-            ``a`` is not given with rigid motions and cohesion or dilatancy.
+        If there are rigid motions and ``a (k,)`` is not given, which it must be with cohesion
+        or dilatancy, η is the least over all ``a``: of a solution at most ten times that with
+        its own ``a``, to rounding. If ``mu`` is ``(n_c, 2)``, η is that of the scaled variables
+        of section 3 of ``docs/theory.md``.
         """
         reaction = floats("r", r, shape=self.q.shape)
         rigid = None if a is None else floats("a", a, shape=(self._motions,))
@@ -262,22 +254,11 @@ class ReducedProblem:
         """Guaranteed bound of the error of reactions ``r (n_c, d)``.
 
         ``r`` may lie outside its cones; ``v`` is ``W r + q``.
-
-        Raises
-        ------
-        TypeError, ValueError
-            ``r`` is not ``(n_c, d)``, or a number is not finite.
         """
         return self.error_bounds(floats("r", r, shape=self.q.shape)[None])[0]
 
     def error_bounds(self, reactions: ArrayLike) -> list[ErrorBound]:
-        """`error_bound` of many reactions ``(k, n_c, d)``, with one factorisation.
-
-        Raises
-        ------
-        TypeError, ValueError
-            ``reactions`` is not ``(k, n_c, d)``, or a number is not finite.
-        """
+        """`error_bound` of many reactions ``(k, n_c, d)``, with one factorisation."""
         points = floats("reactions", reactions, ndim=3)
         if points.shape[1:] != self.q.shape:
             raise ValueError(
@@ -314,11 +295,6 @@ class ReducedProblem:
             Called as ``callback(iterations, work, residual)`` about 20 times per second,
             with the smallest residual so far (infinite before the first one). If it raises
             an exception, the solve ends with this exception.
-
-        Raises
-        ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         """
         chosen = settings(method, tol, max_iterations, max_seconds, maxiter)
         validation.callback("callback", callback)
@@ -358,11 +334,6 @@ class ReducedProblem:
             Number of starts, if not all combinations are tried.
         seed
             Seed of the random starts.
-
-        Raises
-        ------
-        TypeError, ValueError
-            ``restarts`` is not a positive integer, or ``seed`` is negative.
         """
         from bipot_rs.contact.proof.enumeration import Answers, search_answers
 
@@ -411,8 +382,6 @@ class ReducedProblem:
 
         Raises
         ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         NotConvergedError, NoEquilibriumError
             There is no solution to start from; or a bound was not found to 1e-3.
 
@@ -495,11 +464,6 @@ class ReducedProblem:
             Limit of time of each of the programmes; after it the verdict is
             ``"undecided"``.
 
-        Raises
-        ------
-        TypeError, ValueError
-            ``max_seconds`` is not a positive number.
-
         Examples
         --------
         A block on a plane with friction 0.5, pulled to the side by 0.4 of its weight:
@@ -537,8 +501,6 @@ class ReducedProblem:
 
         Raises
         ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         NoEquilibriumError
             No reactions balance ``e0`` alone.
         NotConvergedError
@@ -602,11 +564,6 @@ class ReducedProblem:
         exhaust
             Whether to try all combinations of statuses, as `answers` does, if the
             conditions decide nothing: in the plane, with up to 12 contacts.
-
-        Raises
-        ------
-        TypeError
-            ``exhaust`` is not a bool.
         """
         from bipot_rs.contact.proof.existence import (
             Existence,

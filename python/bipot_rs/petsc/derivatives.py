@@ -54,12 +54,8 @@ _ENOUGH = 1e-11
 class DistributedResponse:
     """The response of distributed bodies: the unknowns are the displacements of the own rows.
 
-    Attributes
-    ----------
-    motions
-        Number of own rows.
-    diagonal : (n_c, d)
-        Estimate of the diagonal of W.
+    ``motions``: number of own rows.
+    ``diagonal (n_c, d)``: estimate of the diagonal of W.
     """
 
     whole = True

@@ -18,20 +18,12 @@ class Operator:
     Unknowns are a Vec in the numbering of ``K``: the relative displacement of a contact
     stands in the place of the displacement of its node. Prescribed places are zero.
 
-    Attributes
-    ----------
-    K, variables, interface
-        The stiffness, the contacts, and their places.
-    fixed
-        Own rows that are prescribed.
-    d
-        Number of degrees of freedom of a node.
-    PETSc
-        The module.
-    comm
-        The communicator of ``K``, of mpi4py.
-    products
-        Number of products with ``K`` so far.
+    ``K, variables, interface``: the stiffness, the contacts, and their places.
+    ``fixed``: own rows that are prescribed.
+    ``d``: number of degrees of freedom of a node.
+    ``PETSc``: the module.
+    ``comm``: the communicator of ``K``, of mpi4py.
+    ``products``: number of products with ``K`` so far.
     """
 
     def __init__(

@@ -248,8 +248,6 @@ class ContactProblem:
 
         Raises
         ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
         NoEquilibriumError
             Contacts contradict each other.
         NotConvergedError

@@ -67,8 +67,6 @@ def animate(
         matplotlib is not installed.
     OSError
         The file cannot be written. An earlier file of that name is intact.
-    TypeError, ValueError
-        A wrong argument; the message names it.
     """
     target = Path(path)
     if target.suffix.lower() != ".gif":

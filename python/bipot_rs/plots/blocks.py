@@ -57,11 +57,6 @@ def blocks(
         Whether to write the names of the blocks.
     units, ax
         As in `tractions`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A wrong argument; the message names it.
     """
     if not isinstance(problem, BlockProblem):
         raise make_type_error("problem", problem, "what blocks.assemble returns")

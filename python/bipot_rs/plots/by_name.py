@@ -94,11 +94,6 @@ def plot(
         The bodies, for ``"deformed"`` and outlines in 3D; not needed for a `ModelResult`.
     options
         Arguments of the function of the picture.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A wrong argument; the message names it.
     """
     picture, bodies = chosen(result, kind, model, options)
     return picture(result, bodies, **options)

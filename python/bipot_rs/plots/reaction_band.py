@@ -46,11 +46,6 @@ def reaction_band(
         A mapping with ``x (n_c, d)``, or the model.
     along, on, units, ax
         As in `tractions`; ``on`` is a mask or numbers of contacts.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A wrong argument; the message names it.
     """
     every = list(ranges)
     for interval in every:

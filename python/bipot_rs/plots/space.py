@@ -103,8 +103,6 @@ def surface3d(
     ------
     ModuleNotFoundError
         The backend is not installed.
-    TypeError, ValueError
-        A wrong argument; the message names it.
     """
     if backend not in BACKENDS:
         raise ValueError(

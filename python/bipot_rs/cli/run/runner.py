@@ -70,15 +70,10 @@ def recover_steps(reached: list[Reached]) -> str:
 class Runner(ABC):
     """One run of a command. The command defines `work`, `show` and `last_line`.
 
-    Attributes
-    ----------
-    started
-        When the run began, `perf_counter`.
-    reached
-        The row and the `Step` of each load step that is solved. They are stored as
-        pairs, so that an interrupt cannot separate them.
-    progress
-        Bar or lines on standard error.
+    ``started``: when the run began, `perf_counter`.
+    ``reached``: the row and the `Step` of each load step that is solved. They are stored as
+    pairs, so that an interrupt cannot separate them.
+    ``progress``: bar or lines on standard error.
     """
 
     mistakes: tuple[type[Exception], ...] = MISTAKES  # exceptions that mean bad input

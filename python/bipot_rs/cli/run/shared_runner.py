@@ -31,16 +31,10 @@ class SharedRunner(Runner):
 
     All ranks do the same work; rank 0 writes and reports. Without MPI this is one process.
 
-    Attributes
-    ----------
-    ranks
-        The processes of this run.
-    shared
-        Whether they are those of MPI, which may be a single one.
-    seconds
-        Time of each phase.
-    message
-        How the run has ended.
+    ``ranks``: the processes of this run.
+    ``shared``: whether they are those of MPI, which may be a single one.
+    ``seconds``: time of each phase.
+    ``message``: how the run has ended.
     """
 
     def __init__(self, *, as_json: bool, interrupts: Interrupts | None = None) -> None:

@@ -53,12 +53,8 @@ class KrylovSystem:
 class DisplacementResponse:
     """The response of bodies that the iterative engine solved.
 
-    Attributes
-    ----------
-    motions
-        Number of unknown displacements, which are the length of ``da``.
-    diagonal : (n_c, d)
-        Estimate of the diagonal of W.
+    ``motions``: number of unknown displacements, which are the length of ``da``.
+    ``diagonal (n_c, d)``: estimate of the diagonal of W.
     """
 
     whole = True

@@ -34,12 +34,8 @@ class StepChange:
 class LinearisedStep:
     """The linearised problem of one step.
 
-    Attributes
-    ----------
-    point
-        Its solution.
-    borders
-        Contacts on borders.
+    ``point``: its solution.
+    ``borders``: contacts on borders.
     """
 
     def __init__(

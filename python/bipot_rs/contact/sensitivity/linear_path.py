@@ -26,21 +26,11 @@ if TYPE_CHECKING:
 class LinearPath:
     """The steps of a path, linearised one after the other.
 
-    ``response``: how the contacts respond; the default is made from the last step.
+    ``model``: contact operator and shapes.
+    ``response``: how the contacts respond; by default the response of the last step's engine.
     ``iterative``: whether results of the iterative engine are differentiated by it.
-
-    Attributes
-    ----------
-    model
-        Contact operator and shapes.
-    response
-        How the contacts respond to reactions.
-    steps
-        The steps.
-    mu
-        Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
-    kept
-        Whether the linearised steps are kept for further derivatives.
+    ``mu``: friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
+    ``kept``: whether the linearised steps are kept for further derivatives.
     """
 
     def __init__(

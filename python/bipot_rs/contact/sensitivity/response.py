@@ -165,12 +165,8 @@ def _join(rows: Floats, rest: Floats) -> Floats:
 class CondensedResponse:
     """The response of bodies that the direct engine condensed.
 
-    Attributes
-    ----------
-    core
-        The bodies and the contacts that close in the path.
-    members : (m,)
-        Contacts that W is known of.
+    ``core``: the bodies and the contacts that close in the path.
+    ``members (m,)``: contacts that W is known of.
     """
 
     def __init__(self, core: _core.Condensed, closed: Ints, contacts: int) -> None:

@@ -242,17 +242,11 @@ def check_digits(
 class _Rows:
     """Equations ``K Z = 0`` of the rows of K to restore.
 
-    Attributes
-    ----------
-    i, j, values
-        Entries of the lower triangle.
-    uncertain
-        Uncertainty of each entry, over ``rtol``.
-    A
-        Maps entries to ``K Z`` with rotations about the point of each row,
-        ``(n m, entries)``.
-    held
-        Whether a support within K is in each row, ``(n,)``.
+    ``i, j, values``: entries of the lower triangle.
+    ``uncertain``: uncertainty of each entry, over ``rtol``.
+    ``A``: maps entries to ``K Z`` with rotations about the point of each row, ``(n m,
+    entries)``.
+    ``held``: whether a support within K is in each row, ``(n,)``.
     """
 
     def __init__(self, K: CsrMatrix, direction: Ints, digits: Digits) -> None:

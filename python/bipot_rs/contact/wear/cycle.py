@@ -25,18 +25,11 @@ SMALL_RATE = STABLE / 4
 class Cycle:
     """A cycle that is being solved, or was.
 
-    Attributes
-    ----------
-    path
-        Its load steps, and what makes their `Result`.
-    worn : (n_c,)
-        Depth that it wore off each contact [length].
-    slid : (n_c,)
-        Length of slip of each contact while closed [length].
-    rubbed : (n_c,)
-        Depth that it would wear off by a slip of one in each load step.
-    parts
-        Largest number of parts of a load step.
+    ``path``: its load steps, and what makes their `Result`.
+    ``worn (n_c,)``: depth that it wore off each contact [length].
+    ``slid (n_c,)``: length of slip of each contact while closed [length].
+    ``rubbed (n_c,)``: depth that it would wear off by a slip of one in each load step.
+    ``parts``: largest number of parts of a load step.
     """
 
     def __init__(self, path: PathSolver, contacts: int) -> None:

@@ -22,12 +22,8 @@ class LinearSolver:
     one that was made for others costs several times as many iterations. If it fails, a
     factor by Cholesky takes its place, if there is memory for it.
 
-    Attributes
-    ----------
-    preconditioner
-        What approximates the inverse of the symmetric part.
-    replaced
-        Why a factor took the place of the first preconditioner; empty if it did not.
+    ``preconditioner``: what approximates the inverse of the symmetric part.
+    ``replaced``: why a factor took the place of the first preconditioner; empty if it did not.
     """
 
     def __init__(

@@ -17,15 +17,10 @@ class SymmetricPart:
     Its pattern never changes. For new statuses only the rows of contact nodes, and the
     columns of these nodes in other rows, are written again.
 
-    Attributes
-    ----------
-    P
-        The matrix. It is the only other one of the size of ``K``.
-    d
-        Number of degrees of freedom of a node.
-    around
-        Values of ``A`` between places of the interface: rows, columns and values of those
-        that this rank owns.
+    ``P``: the matrix. It is the only other one of the size of ``K``.
+    ``d``: number of degrees of freedom of a node.
+    ``around``: values of ``A`` between places of the interface: rows, columns and values of
+    those that this rank owns.
     """
 
     def __init__(

@@ -62,12 +62,8 @@ class _OfFollow(_RunSettings, total=False):
 class DistributedProblem:
     """The contact problem of a case on the ranks of MPI, as `Case.solve` uses it.
 
-    Attributes
-    ----------
-    numbering
-        The nodes of each rank.
-    problem
-        A `bipot_rs.petsc.ContactProblem`.
+    ``numbering``: the nodes of each rank.
+    ``problem``: a `bipot_rs.petsc.ContactProblem`.
     """
 
     def __init__(self, case: Case, ranks: World) -> None:

@@ -84,12 +84,8 @@ def discard_output() -> None:
 class Ranks:
     """One process alone.
 
-    Attributes
-    ----------
-    number, count
-        Number of this rank, from 0, and of all ranks.
-    neighbours
-        Number of ranks on this machine.
+    ``number, count``: number of this rank, from 0, and of all ranks.
+    ``neighbours``: number of ranks on this machine.
     """
 
     number = 0
