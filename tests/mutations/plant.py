@@ -15,10 +15,7 @@ def faults() -> list[dict[str, str]]:
 def planted(fault: dict[str, str], number: int, text: str) -> str:
     """``text`` with the fault behind its switch.
 
-    Raises
-    ------
-    ValueError
-        The line is not there exactly once, or the code not once in the line.
+    Raises `ValueError`: the line is not there exactly once, or the code not once in the line.
     """
     line, code, wrong = fault["line"], fault["code"], fault["fault"]
     where = f"fault {number}, {fault['file']}"

@@ -124,16 +124,10 @@ def survives_damage(
     Each copy is read in a child process, which must neither crash nor hang: ``read`` raises
     ``OSError`` or ``ValueError`` with one sentence, or returns the content of the file.
 
-    Parameters
-    ----------
-    read
-        The reader, called with a path.
-    same
-        Whether the content that was read is right.
-    path
-        An undamaged file.
-    count, seed
-        Number of copies, and the seed of their damage.
+    ``read``: the reader, called with a path.
+    ``same``: whether the content that was read is right.
+    ``path``: an undamaged file.
+    ``count, seed``: number of copies, and the seed of their damage.
     """
     content = path.read_bytes()
     assert same(read(path)), "the file must be in order to begin with"

@@ -259,21 +259,11 @@ PARTS: list[tuple[dict[str, Any], str]] = [
 
 
 class Faulty(NamedTuple):
-    """A scene as the command line takes it, and how its run ends.
+    """A scene as the command line takes it, and how its run ends."""
 
-    Attributes
-    ----------
-    name
-        A shipped name or a file.
-    settings
-        Values of ``--set``.
-    status
-        Exit status of `bipot run`.
-    """
-
-    name: str
-    settings: list[str]
-    status: int
+    name: str  # a shipped name or a file
+    settings: list[str]  # values of `--set`
+    status: int  # exit status of `bipot run`
 
 
 def block(n: int = 2) -> bp.Model:
