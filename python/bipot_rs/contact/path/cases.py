@@ -28,16 +28,11 @@ def solve_cases(
 ) -> list[Result]:
     """Solve the load path of each case; see `ContactProblem.solve_many`.
 
-    Parameters
-    ----------
-    cases
-        For each path a mapping with any of the keys ``load``, ``prescribed``, ``gap``,
-        ``mu`` and ``start``.
-    loading
-        Checks the loads.
-    begin_paths
-        Chooses the engine for a number of load steps, and returns the function that begins
-        the path of a case.
+    ``cases``: for each path a mapping with any of the keys ``load``, ``prescribed``, ``gap``,
+    ``mu`` and ``start``.
+    ``loading``: checks the loads.
+    ``begin_paths``: chooses the engine for a number of load steps, and returns the function
+    that begins the path of a case.
     """
     if not isinstance(cases, Iterable):
         raise TypeError(

@@ -38,28 +38,17 @@ class StepFrames:
 
 @dataclass(frozen=True)
 class StepData:
-    """One load step, for questions about its solution.
+    """One load step, for questions about its solution."""
 
-    Attributes
-    ----------
-    load, prescribed
-        Totals.
-    before
-        Relative displacement after the step before; None for the unloaded bodies.
-    contacts
-        The contacts, with the friction of the path.
-    restored
-        Relative error of K, if it is not rounding.
-    frames
-        Frames and gaps of the step, if these are not those of the engine.
-    """
-
+    # load, prescribed: totals.
     load: Floats
     prescribed: Floats
+    # Relative displacement after the step before; None for the unloaded bodies.
     before: Floats | None
     settings: Settings
-    contacts: Contacts
-    restored: RestoredDigits | None = None
+    contacts: Contacts  # the contacts, with the friction of the path
+    restored: RestoredDigits | None = None  # relative error of K, if it is not rounding
+    # Frames and gaps of the step, if these are not those of the engine.
     frames: StepFrames | None = None
 
 

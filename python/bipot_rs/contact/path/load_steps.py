@@ -55,33 +55,20 @@ class Held(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Loading:
-    """Checks the totals of each step, and holds the loads and gaps of the problem.
+    """Checks the totals of each step, and holds the loads and gaps of the problem."""
 
-    Attributes
-    ----------
-    n, fixed
-        Number of degrees of freedom, and of the prescribed ones.
-    contacts
-        The contacts.
-    loads
-        ``loads`` of the problem: load and prescribed displacements of each step.
-    gaps : (steps, n_c, d), MovingGaps or None
-        ``gaps`` of the problem.
-    gaps_by_component
-        Whether these were given by component; None without them.
-    held
-        Inclined supports, rigid sets and cyclic symmetries.
-    read_forces
-        Checks the load of a path, and lists that of each step. Loads of PETSc are no arrays.
-    """
-
+    # n, fixed: number of degrees of freedom, and of the prescribed ones.
     n: int
     fixed: int
-    contacts: Contacts
+    contacts: Contacts  # the contacts
+    # `loads` of the problem: load and prescribed displacements of each step.
     loads: list[Loads] | None = None
+    # (steps, n_c, d), MovingGaps or None: `gaps` of the problem.
     gaps: Gap | None = None
+    # Whether these were given by component; None without them.
     gaps_by_component: bool | None = None
-    held: Held | None = None
+    held: Held | None = None  # inclined supports, rigid sets and cyclic symmetries
+    # Checks the load of a path, and lists that of each step. Loads of PETSc are no arrays.
     read_forces: Callable[[object], Sequence[Floats]] | None = None
 
     @classmethod
@@ -200,10 +187,8 @@ class Loading:
     ) -> list[Totals]:
         """Totals of each step: those given, else those of the problem after ``start``.
 
-        Raises
-        ------
-        TypeError, ValueError
-            An argument is wrong, or ``start`` does not determine the next step.
+        Raises `TypeError` or `ValueError`: an argument is wrong, or ``start`` does not
+        determine the next step.
         """
         own_loads = load is None and prescribed is None
         loads = self.loads if own_loads else None
@@ -279,10 +264,7 @@ def count_steps(start: Start | None) -> int:
 def last_step(start: Start | None) -> Step | None:
     """The step that a path continues from.
 
-    Raises
-    ------
-    TypeError
-        ``start`` is not a `Result`, a `Step` or a `State`.
+    Raises `TypeError`: ``start`` is not a `Result`, a `Step` or a `State`.
     """
     if isinstance(start, Result):
         # A path without steps continues from its own start.

@@ -179,11 +179,8 @@ def carry_step(step: Step, frame: Floats, base: Floats, start: Floats) -> Step:
     The tangential relative displacement is T w with w of this step and T of ``frame``, so
     that the next step adds its slip to it.
 
-    Parameters
-    ----------
-    base, start
-        Frame of B, and gaps ``(n_c,)`` at the start of the path, for a step without a frame
-        of its own.
+    ``base, start``: frame of B, and gaps ``(n_c,)`` at the start of the path, for a step
+    without a frame of its own.
     """
     frame_of_step = base if step.frame is None else step.frame
     # g + n · s of the step; for an obstacle without frames of its own, s moves a plane.

@@ -29,22 +29,15 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Increments:
-    """Limits of adaptive steps; all but ``slip`` in units of s.
+    """Limits of adaptive steps; all but ``slip`` in units of s."""
 
-    Attributes
-    ----------
-    stops
-        Ascending values of s at which a step must end. The last is the end of the path.
-    first, largest, smallest
-        Length of the first, the longest and the shortest step.
-    slip
-        Largest slip of a contact in one step [length]; None for no limit.
-    """
-
+    # Ascending values of s at which a step must end. The last is the end of the path.
     stops: tuple[float, ...]
+    # first, largest, smallest: length of the first, the longest and the shortest step.
     first: float
     largest: float
     smallest: float
+    # Largest slip of a contact in one step [length]; None for no limit.
     slip: float | None = None
 
     def next(self, s: float, ahead: float) -> float:
@@ -59,10 +52,8 @@ def check_increments(
 ) -> Increments:
     """Check the limits, and fill in the defaults.
 
-    Raises
-    ------
-    TypeError, ValueError
-        An argument has the wrong type or order; the message names it.
+    Raises `TypeError` or `ValueError`: an argument has the wrong type or order; the message
+    names it.
     """
     ends = np.atleast_1d(floats("stops", stops))
     if ends.ndim != 1 or not ends.size or not (np.diff(ends, prepend=0.0) > 0).all():
@@ -94,21 +85,12 @@ def solve_adaptively(
 ) -> Result:
     """Solve a path in adaptive steps.
 
-    Parameters
-    ----------
-    path
-        The path. If its start is no adaptive step, s begins at 0.
-    loads
-        Total load, prescribed displacement and gaps at s.
-    plan
-        Limits of the steps.
-    on_step
-        Called as ``on_step(k, step)`` after each step.
-
-    Raises
-    ------
-    NoEquilibriumError, NotConvergedError
-        A step of length ``smallest`` failed; ``.result`` holds the steps before.
+    ``path``: the path. If its start is no adaptive step, s begins at 0.
+    ``loads``: total load, prescribed displacement and gaps at s.
+    ``plan``: limits of the steps.
+    ``on_step``: called as ``on_step(k, step)`` after each step.
+    Raises `NoEquilibriumError` or `NotConvergedError`: a step of length ``smallest`` failed;
+    ``.result`` holds the steps before.
     """
     s, ahead = 0.0, plan.first
     start = path.before

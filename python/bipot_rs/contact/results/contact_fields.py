@@ -22,20 +22,12 @@ def make_contact_fields(
 ) -> dict[str, AnyArray]:
     """Fields at the contacts of a step, acting on the body of each contact.
 
-    Parameters
-    ----------
-    step
-        The step.
-    contacts
-        ``frame (n_c, d, d)`` and ``area (n_c,)``, or None for those that are not known.
-    displacement
-        Displacement of the contacts, ``(n_c, d)``, if known.
-
-    Returns
-    -------
-    dict
-        Arrays with the names of `files.fields.OF_CONTACTS`, in that order. Without frames
-        there are no components along global axes; without areas no traction and pressure.
+    ``step``: the step.
+    ``contacts``: ``frame (n_c, d, d)`` and ``area (n_c,)``, or None for those that are not
+    known.
+    ``displacement``: displacement of the contacts, ``(n_c, d)``, if known.
+    Returns arrays with the names of `files.fields.OF_CONTACTS`, in that order. Without frames
+    there are no components along global axes; without areas no traction and pressure.
     """
     frame, area = contacts.get("frame"), contacts.get("area")
     if frame is not None:
@@ -76,14 +68,9 @@ def make_path_fields(
     The names are the same for all steps: a field that is not known in some step is left
     out in all.
 
-    Parameters
-    ----------
-    steps, contacts
-        As in `make_contact_fields`.
-    instants
-        `list_instants` the steps, which are added to the fields.
-    mesh
-        The mesh, for displacements.
+    ``steps, contacts``: as in `make_contact_fields`.
+    ``instants``: `list_instants` the steps, which are added to the fields.
+    ``mesh``: the mesh, for displacements.
     """
     moved = mesh is not None and all(
         step.computed.displacement is not None for step in steps
@@ -108,14 +95,9 @@ def list_instants(
 ) -> list[dict[str, float]]:
     """``load`` and ``time`` of each step.
 
-    Parameters
-    ----------
-    steps
-        The steps.
-    loads
-        Path parameter of each step, ``(steps,)``; the default is the time.
-    first
-        Number of steps of the path before these.
+    ``steps``: the steps.
+    ``loads``: path parameter of each step, ``(steps,)``; the default is the time.
+    ``first``: number of steps of the path before these.
 
     Returns
     -------

@@ -76,10 +76,7 @@ def read_step(
 ) -> Step:
     """The step of a record.
 
-    Raises
-    ------
-    ValueError
-        An entry is missing, or has the wrong shape or values.
+    Raises `ValueError`: an entry is missing, or has the wrong shape or values.
     """
     contacts, d = shape
     # Entries that a step must have. The others have defaults.

@@ -101,13 +101,9 @@ def list_steps(
 ) -> dict[str, list[float | None]]:
     """Columns of a table with a row for each load step.
 
-    Parameters
-    ----------
-    steps, loads
-        The load steps, and the load parameter at their ends.
-    contacts
-        As `Result.contacts`. Without frames there are no forces, because their sums would
-        depend on the frames.
+    ``steps, loads``: the load steps, and the load parameter at their ends.
+    ``contacts``: as `Result.contacts`. Without frames there are no forces, because their sums
+    would depend on the frames.
     """
     rows = []
     for k, (step, load) in enumerate(zip(steps, loads, strict=True)):

@@ -33,14 +33,9 @@ def describe_unbalanced(
 ) -> str | None:
     """Describe the first load step that contact cannot carry; None if there is none.
 
-    Parameters
-    ----------
-    model
-        From `fem.assemble`, without bodies that nothing holds.
-    load
-        Total nodal forces at the end of each load step, ``(steps, n)``.
-    gaps
-        As `Assembly.gaps`: frames of each step, if obstacles turn.
+    ``model``: from `fem.assemble`, without bodies that nothing holds.
+    ``load``: total nodal forces at the end of each load step, ``(steps, n)``.
+    ``gaps``: as `Assembly.gaps`: frames of each step, if obstacles turn.
     """
     if model.cohesion.any():
         return None  # cohesion may carry any load

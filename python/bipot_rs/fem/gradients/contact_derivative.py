@@ -26,27 +26,14 @@ from bipot_rs.obstacle.shapes import Plane
 
 @dataclass(frozen=True)
 class Meets:
-    """The contacts of one `Contact`, with what multiplies their derivatives.
+    """The contacts of one `Contact`, with what multiplies their derivatives."""
 
-    Attributes
-    ----------
-    contact
-        The surface and its obstacle.
-    points : (m, d)
-        Positions of the nodes [m].
-    frame : (m, d, d)
-        Rows n, t1[, t2].
-    gap : (steps, m, d)
-        Cotangent G of the gaps, by component.
-    rows : (m, d, d)
-        Cotangent of the frame as rows of B: ``Σ_k r_k ⊗ λ_k + G_k ⊗ u_k``, with λ and u
-        relative to the partner.
-    """
-
-    contact: Contact
-    points: Floats
-    frame: Floats
-    gap: Floats
+    contact: Contact  # the surface and its obstacle
+    points: Floats  # (m, d): positions of the nodes [m]
+    frame: Floats  # (m, d, d): rows n, t1[, t2]
+    gap: Floats  # (steps, m, d): cotangent G of the gaps, by component
+    # (m, d, d): cotangent of the frame as rows of B: `Σ_k r_k ⊗ λ_k + G_k ⊗ u_k`, with λ and u
+    # relative to the partner.
     rows: Floats
 
     def at_rigid(self) -> Floats:
@@ -54,10 +41,8 @@ class Meets:
 
         Its negative sum is the derivative with respect to the position of the obstacle.
 
-        Raises
-        ------
-        ValueError
-            The obstacle turns, or its normals have no formula for the derivative.
+        Raises `ValueError`: the obstacle turns, or its normals have no formula for the
+        derivative.
         """
         contact = self.contact
         what = f"contact on {contact.surface!r} of body {contact.body!r}"
@@ -101,17 +86,9 @@ def _shifts(motion: Motion | None, dim: int) -> Floats:
 def of_normal(frame: Floats, cotangent: Floats, contact: Contact) -> Floats:
     """Derivative with respect to the unit normals, from that of the frames of `frames`.
 
-    Parameters
-    ----------
-    frame, cotangent
-        ``(m, d, d)``.
-    contact
-        Its ``axis`` sets the tangents in space.
-
-    Returns
-    -------
-    (m, d)
-        Orthogonal to the normal, as its changes are.
+    ``frame, cotangent``: ``(m, d, d)``.
+    ``contact``: its ``axis`` sets the tangents in space.
+    Returns ``(m, d)``: orthogonal to the normal, as its changes are.
     """
     n, t = frame[:, 0], frame[:, 1]
     along, by_normal = cotangent[:, 1].copy(), cotangent[:, 0].copy()
@@ -144,18 +121,10 @@ def of_matching(
 ) -> tuple[Floats, Floats]:
     """Derivatives for two bodies whose nodes match.
 
-    Parameters
-    ----------
-    body, nodes
-        The body of the contact, and the node of each contact ``(m,)``.
-    partners
-        Positions of the nodes opposite, ``(m, d)``.
-
-    Returns
-    -------
-    own, opposite
-        With respect to the nodes of the body, ``(nodes, d)``, and to the partners,
-        ``(m, d)``.
+    ``body, nodes``: the body of the contact, and the node of each contact ``(m,)``.
+    ``partners``: positions of the nodes opposite, ``(m, d)``.
+    Returns ``own, opposite``: with respect to the nodes of the body, ``(nodes, d)``, and to the
+    partners, ``(m, d)``.
     """
     contact, n, G = meets.contact, meets.frame[:, 0], meets.gap[:, :, 0].sum(axis=0)
     at_nodes = np.zeros_like(body.points)

@@ -45,17 +45,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Integrals:
-    """Sums over the steps within the cells of a body.
+    """Sums over the steps within the cells of a body."""
 
-    Attributes
-    ----------
-    moments
-        ``Σ_k ∫ ∂_b λ_a ε_cd``, ``(3, 3, 3, 3)``, of each material.
-    motion : (3, 3, cells, points)
-        What `stress_of_motion` gives for ``λᵀ (K u - f)``.
-    """
-
-    moments: list[Floats]
+    moments: list[Floats]  # `Σ_k ∫ ∂_b λ_a ε_cd`, `(3, 3, 3, 3)`, of each material
+    # (3, 3, cells, points): what `stress_of_motion` gives for `λᵀ (K u - f)`.
     motion: Floats
 
 
@@ -466,14 +459,9 @@ def of_gradient(
 ) -> ParameterGradient:
     """The gradient of `Result.vjp` with respect to the parameters of a model.
 
-    Parameters
-    ----------
-    model
-        The `Assembly` whose ``problem()`` was solved.
-    gradient
-        What ``result.vjp(...)`` returned for a result of this problem.
-    loads
-        The loads of the path, as in `ParameterGradient`.
+    ``model``: the `Assembly` whose ``problem()`` was solved.
+    ``gradient``: what ``result.vjp(...)`` returned for a result of this problem.
+    ``loads``: the loads of the path, as in `ParameterGradient`.
     """
     result = gradient.result
     return ParameterGradient(

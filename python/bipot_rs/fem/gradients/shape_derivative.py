@@ -24,12 +24,9 @@ def stress_of_motion(
 ) -> Floats:
     """S of ``∫ ∇λ : C : (∇u - ε0)``, ``(d, d, cells, points)``.
 
-    Parameters
-    ----------
-    adjoint, displacement
-        ``∂_a λ_k`` and ``∂_a u_k``, ``(k, a, cells, points)``.
-    stress, adjoint_stress
-        ``C : (∇u - ε0)`` and ``C : ∇λ``, in the plane in 2D, in the same shape.
+    ``adjoint, displacement``: ``∂_a λ_k`` and ``∂_a u_k``, ``(k, a, cells, points)``.
+    ``stress, adjoint_stress``: ``C : (∇u - ε0)`` and ``C : ∇λ``, in the plane in 2D, in the
+    same shape.
     """
     stress_change = -np.einsum("kbpq,kapq->bapq", adjoint, stress)
     stress_change -= np.einsum("kbpq,kapq->bapq", displacement, adjoint_stress)
@@ -42,17 +39,11 @@ def stress_of_motion(
 class AreaVectors:
     """Outward area vectors at the quadrature points of a surface, and their adjoint.
 
-    Attributes
-    ----------
-    corners : (facets, c)
-        Nodes of each facet.
-    phi : (c, q)
-        Shape functions at the points.
-    vectors : (d, facets, q)
-        Outward normal times the area of the facet over that of the reference facet [m²],
-        in 2D the length.
-    weights : (q,)
-        Weights of the points on the reference facet.
+    ``corners (facets, c)``: nodes of each facet.
+    ``phi (c, q)``: shape functions at the points.
+    ``vectors (d, facets, q)``: outward normal times the area of the facet over that of the
+    reference facet [m²], in 2D the length.
+    ``weights (q,)``: weights of the points on the reference facet.
     """
 
     def __init__(self, body: Body, surface: str) -> None:
@@ -76,10 +67,7 @@ class AreaVectors:
     def adjoint(self, cotangent: Floats) -> Floats:
         """Derivative with respect to the nodes, ``(nodes, d)``.
 
-        Parameters
-        ----------
-        cotangent
-            Derivative with respect to `vectors`, ``(d, facets, q)``.
+        ``cotangent``: derivative with respect to `vectors`, ``(d, facets, q)``.
         """
         signed = self._sign * cotangent
         if len(signed) == 2:
