@@ -1,63 +1,50 @@
 //! The fitted constants of load steps in the displacements.
 //!
 //! *Half, twice* is what half and twice the value change in the work of `benches/tuning.py`:
-//! Krylov iterations of four shipped scenes with 6 to 10 cells a side. *Same, same* is a constant
-//! that these easy bodies do not reach.
+//! Krylov iterations of four shipped scenes with 6 to 10 cells a side. Where it is missing,
+//! neither changes it, as a rule because these sets do not reach the constant.
 
 use crate::fitted::fitted;
 
 fitted! {
     // newton.rs
     /// Largest number of Newton steps.
-    /// Half, twice: same, same.
     newton_steps: usize = 60;
     /// Largest number of halvings of a step.
-    /// Half, twice: same, same.
     halvings: usize = 6;
     /// Share of the statuses that change while a coarse solution of the step is enough.
-    /// Half, twice: same, same.
     many_changes: f64 = 0.002;
     /// Relative residual of the linear system while many statuses change, while some do, and after.
     /// A smaller one for many changes saves no Newton step and costs a fifth more iterations.
     /// Half, twice: +0.9 %, −2.6 %.
     coarse_residual: f64 = 1e-2;
-    /// Half, twice: same, same.
     middle_residual: f64 = 1e-5;
-    /// Half, twice: same, same.
     fine_residual: f64 = 1e-8;
     /// Points that the certificate accepts and the displacements do not, after which the method has
     /// stalled: `K` has too few digits.
-    /// Half, twice: same, same.
     unsettled_points: usize = 4;
     /// Steps without a better point after which the method has stalled.
-    /// Half, twice: same, same.
     patience: usize = 12;
 
     // preconditioner.rs
     /// Iterations of one linear system after which a stronger smoother is used.
-    /// Half, twice: same, same.
     slow_iterations: usize = 40;
-    /// Half, twice: same, same.
     stronger_degree: usize = 4;
     /// Share of slipping and open contacts, and iterations of one linear system, above which the
     /// hierarchy follows the statuses of contacts between bodies.
     /// Half, twice: −1.3 %, +4.7 %.
     loose_share: f64 = 0.6;
-    /// Half, twice: same, same.
     slow_glued: usize = 30;
 
     // local.rs
     /// Iterations of one linear system after which the method has stalled, and the size of the
     /// Krylov space before a restart.
-    /// Half, twice: same, same.
     most_iterations: usize = 400;
-    /// Half, twice: same, same.
     basis: usize = 80;
 
     // linearised_laws.rs
     /// Compliance that the multiplier `M` adds to a law, relative to that of its contact: a contact
     /// that hardly slips has no stiffer spring than its inverse. The equations stay exact.
-    /// Half, twice: same, same.
     least_compliance: f64 = 1e-3;
 
     // contacts.rs
@@ -69,10 +56,8 @@ fitted! {
     // problem.rs
     /// Bytes of the hierarchy relative to the blocks of `K`, which are in double precision; for the
     /// forecast.
-    /// Half, twice: same, same.
     hierarchy_bytes: f64 = 1.1;
     /// Bytes of the vectors of GMRES and of the Newton steps for each unknown: forty, in double and
     /// in single precision.
-    /// Half, twice: same, same.
     vector_bytes: usize = 480;
 }

@@ -2,8 +2,9 @@
 //! proof that is found is one for any values.
 //!
 //! *Half, twice* is what half and twice the value change in the sum of `benches/tuning.py`: the
-//! logarithms of the error bounds of solutions of random sets with seed 0, and, as *unsolved*, the questions of
-//! uniqueness without an answer. *Same, same* is a constant that these small problems do not reach.
+//! logarithms of the error bounds of solutions of random sets with seed 0, and, as *unsolved*,
+//! the questions of uniqueness without an answer. Where it is missing, neither changes it, as a
+//! rule because these sets do not reach the constant.
 
 use crate::fitted::fitted;
 
@@ -11,11 +12,9 @@ fitted! {
     // uniqueness.rs
     /// With at most this many plane contacts, 4⁶ leaves in milliseconds, all statuses are tried if
     /// both criteria decide nothing.
-    /// Half, twice: same, same.
     few_contacts: usize = 6;
     /// A sparse island with more unknowns is not decided: both criteria form dense matrices, which
     /// the caller avoids with a sparse `W`.
-    /// Half, twice: same, same.
     sparse_unknowns: usize = 3000;
 
     // weights.rs
@@ -23,10 +22,8 @@ fitted! {
     /// Half, twice: −0.1 %, same.
     good_kappa: f64 = 0.5;
     /// With at most this many unknowns, each contact may get its own weights.
-    /// Half, twice: same, same.
     weighted_unknowns: usize = 1000;
     /// Rounds of this search; each costs about five matrix products.
-    /// Half, twice: same, same.
     weight_rounds: usize = 24;
     /// Longest step of the logarithm of a weight.
     /// Half, twice: −0.0 %, same.
@@ -35,25 +32,19 @@ fitted! {
     /// round: after a success, after a failure, and at least, relative to the eigenvalue.
     /// Half, twice: −0.0 %, −0.0 %.
     gap_fall: f64 = 0.3;
-    /// Half, twice: same, same.
     gap_rise: f64 = 3.0;
-    /// Half, twice: same, same.
     least_gap: f64 = 0.2;
     /// The search ends when a round improves the eigenvalue by a smaller share.
-    /// Half, twice: same, same.
     weight_gain: f64 = 0.02;
 
     // error_bound/mod.rs
     /// Islands with more unknowns get no bound: it needs about ten dense matrices of this order.
-    /// Half, twice: same, same.
     bounded_unknowns: usize = 3000;
 
     // island.rs
     /// With at most this many unknowns a ball is tried: each radius needs a factor.
-    /// Half, twice: same, same.
     ball_unknowns: usize = 1000;
     /// Radius of the next ball, relative to the distance that the last one has proved.
-    /// Half, twice: same, same.
     nearer_ball: f64 = 1.2;
 
     // monotonicity.rs

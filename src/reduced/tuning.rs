@@ -1,8 +1,9 @@
 //! The fitted constants of reduced problems and their certificate.
 //!
 //! *Half, twice* is what half and twice the value change in the work of `benches/tuning.py`:
-//! products with `W` to η = 1e-10, for seeds 0 and 1 of the random sets of `benches/problems.py`.
-//! *Same, same* is a constant that these small problems do not reach.
+//! products with `W` to η = 1e-10, for seeds 0 and 1 of the random sets of
+//! `benches/problems.py`. Where it is missing, neither changes it, as a rule because these sets
+//! do not reach the constant.
 
 use crate::fitted::fitted;
 
@@ -10,37 +11,28 @@ fitted! {
     // compliance.rs
     /// A matrix with as many contacts is stored and factored as a sparse matrix if it has at most one
     /// block in [`sparse_share`]: sparse work takes longer for each number than dense work.
-    /// Half, twice: same, same.
     sparse_contacts: usize = 64;
-    /// Half, twice: same, same.
     sparse_share: usize = 6;
 
     // balance.rs
     /// Rounds for each rigid motion within which the resistance must halve.
-    /// Half, twice: same, same.
     balance_patience: usize = 10;
     /// A body slides away if its rigid motion is this many times its deformation.
-    /// Half, twice: same, same.
     runaway_motion: f64 = 30.0;
     /// The iteration finds that motion inexactly: it may penetrate a contact by this share.
-    /// Half, twice: same, same.
     runaway_penetration: f64 = 1e-3;
 
     // best_motion.rs
     /// Factor from one threshold to the next, below the ten by which η may exceed the least.
-    /// Half, twice: same, same.
     next_threshold: f64 = 3.0;
     /// Steps to the least distance, and steps for `F`: nine and nineteen were the most in 300 random
     /// problems. A motion after too few is still a motion, whose η is an upper bound.
-    /// Half, twice: same, same.
     motion_steps: usize = 40;
     /// Motions with weights from the motion before.
-    /// Half, twice: same, same.
     motion_weightings: usize = 4;
 
     // residual.rs
     /// Largest rigid motion of a solution, relative to the displacement that it cancels: contacts
     /// may stand such that a rotation moves them ten thousand times less than the body.
-    /// Half, twice: same, same.
     longest_motion: f64 = 1e4;
 }

@@ -2,8 +2,8 @@
 //!
 //! *Half, twice* is what half and twice the value change in the work of `benches/tuning.py`:
 //! products with `W` to η = 1e-10, summed over seeds 0–11 of the random sets of
-//! `benches/problems.py`. *Same, same* is a constant that these small problems do not reach; it was
-//! fitted on the larger ones that its comment names.
+//! `benches/problems.py`. Where it is missing, neither changes it, as a rule because these sets
+//! do not reach the constant.
 
 use crate::fitted::fitted;
 
@@ -15,19 +15,14 @@ fitted! {
     /// Sweeps after the first failure of Newton; the number doubles after each further failure.
     /// Half, twice: −5.5 %, −13.9 %.
     next_sweeps: usize = 20;
-    /// Half, twice: same, same.
     most_sweeps: usize = 1280;
     /// With this many contacts and a sparse `W`, Newton steps take so long that proximal points
     /// follow the first failure and the interior-point method their first attempt.
-    /// Half, twice: same, same.
     many_contacts: usize = 500;
     /// Newton steps of proximal points before the first interior-point path and after it.
-    /// Half, twice: same, same.
     steps_before_interior: usize = 20;
-    /// Half, twice: same, same.
     steps_after_interior: usize = 250;
     /// With at most this many plane contacts, all statuses are tried in milliseconds.
-    /// Half, twice: same, same.
     few_contacts: usize = 6;
     /// Sweeps continue from the result of another method if it has reduced η at least by this
     /// factor. With 1, one floating body in four hundred is not solved.
@@ -42,28 +37,21 @@ fitted! {
 
     // fallback.rs
     /// With at most this many contacts, all statuses are tried in milliseconds.
-    /// Half, twice: same, same.
     quick_contacts: usize = 7;
     /// Factor of the tolerance: a pressure above this share of the loads is visible.
-    /// Half, twice: same, same.
     visible_pressure: f64 = 100.0;
     /// Limits of this work: products for small matrices; additions and multiplications for large
     /// ones.
-    /// Half, twice: same, same.
     fallback_products: usize = 20_000;
-    /// Half, twice: same, same.
     fallback_operations: usize = 10_000_000_000;
 
     // monitor.rs
     /// Iterations without a better point after which a solver has stalled.
-    /// Half, twice: same, same.
     monitor_patience: usize = 5000;
     /// If η is below the rounding floor but above the tolerance, iterations continue while they
     /// halve η within this number.
-    /// Half, twice: same, same.
     rest: usize = 5;
     /// An iteration is better only if its residual is below this share of the least one.
-    /// Half, twice: same, same.
     better_share: f64 = 0.999;
 
     // anderson.rs
@@ -82,7 +70,6 @@ fitted! {
     /// Half, twice: +0.7 %, +2.4 %.
     extrapolation_trust: f64 = 1.2;
     /// Sweeps between two fresh evaluations of `v`, whose running sum accumulates rounding.
-    /// Half, twice: same, same.
     sweep_refresh: usize = 50;
 
     // newton.rs
@@ -97,14 +84,11 @@ fitted! {
     newton_memory: usize = 4;
     /// The remainder of an iterative solution of a step is this share of its expected decrease,
     /// between these bounds.
-    /// Half, twice: same, same.
     newton_forcing: f64 = 0.1;
     /// Number of steps that share one inverse of `W`.
     /// Half, twice: +4.3 %, +2.0 %.
     inverse_shared_by: f64 = 3.0;
-    /// Half, twice: same, same.
     least_forcing: f64 = 1e-10;
-    /// Half, twice: same, same.
     most_forcing: f64 = 1e-4;
     /// After a step of a smaller share Newton's method creeps: sweeps do better.
     /// Half, twice: −6.0 %, −5.7 %.
@@ -120,34 +104,25 @@ fitted! {
     /// With more unknowns, GMRES with the blocks of the contacts comes before an LU. Measured on
     /// pressed and sheared cubes with a whole face in contact, it takes as long at 700 unknowns and
     /// half as long at 1300.
-    /// Half, twice: same, same.
     iterative_order: usize = 1000;
     /// Usual products of GMRES for a step, and their limit.
-    /// Half, twice: same, same.
     gmres_products: f64 = 40.0;
-    /// Half, twice: same, same.
     most_gmres_products: usize = 200;
     /// Operations of a sparse LU that take as long as one of a sparse product: its fronts are
     /// small, but stay in the cache.
-    /// Half, twice: same, same.
     sparse_speed: f64 = 2.0;
-    /// Half, twice: same, same.
     mending_steps: usize = 5;
 
     // refine.rs
     /// Largest number of corrections. If `W` has lost most of its digits, each correction settles
     /// the statuses of a few contacts at the edge of the pressed zone. Strips 2000 times as long as
     /// thick take up to 40.
-    /// Half, twice: same, same.
     most_corrections: usize = 150;
     /// Largest number of consecutive corrections that do not halve the smallest one.
-    /// Half, twice: same, same.
     idle_corrections: usize = 5;
     /// Largest remainder of the iterative solution of a correction.
-    /// Half, twice: same, same.
     correction_forcing: f64 = 1e-4;
     /// Smaller corrections change no status except at the boundary between two.
-    /// Half, twice: same, same.
     settled_correction: f64 = 1e-6;
 
     // proximal.rs
@@ -159,7 +134,6 @@ fitted! {
     /// the same two values of `α`.
     /// Half, twice: −21.4 %, −15.0 %.
     alpha_rise: f64 = 5.0;
-    /// Half, twice: same, same.
     steepest_rise: f64 = 1e4;
     /// An outer iteration reduces the merit to this share.
     /// Half, twice: −0.9 %, −1.1 %.
@@ -171,47 +145,33 @@ fitted! {
     /// single value, 2 of 150 assemblies of rigid bodies are not solved.
     /// Half, twice: −8.1 %, +5.9 %.
     alpha_first: f64 = 0.1;
-    /// Half, twice: same, same.
     alpha_second: f64 = 1.0;
-    /// Half, twice: same, same.
     alpha_third: f64 = 0.01;
 
     // interior.rs
     /// Largest number of steps, and steps within which the remainder must halve. Walls of 1,600
     /// disks take 90 to 200 steps, up to 50 of them at one turn.
-    /// Half, twice: same, same.
     path_steps: usize = 260;
-    /// Half, twice: same, same.
     path_patience: usize = 100;
     /// Newton and proximal points follow a path that has reached this `σ`. They solve most problems
     /// that reach it and few others, for which another path costs less.
-    /// Half, twice: same, same.
     path_enough: f64 = 1e-3;
     /// Share of the distance to the boundary of the cone that a step keeps.
-    /// Half, twice: same, same.
     path_rim: f64 = 0.9;
     /// Lengths of steps along the path, where 1 reaches the boundary: the largest and first, the
     /// smallest, the factor after two steps near the path, the factor after one far from it, and
     /// the largest distance from the path.
-    /// Half, twice: same, same.
     longest_reach: f64 = 0.7;
-    /// Half, twice: same, same.
     least_reach: f64 = 0.1;
-    /// Half, twice: same, same.
     reach_growth: f64 = 1.3;
-    /// Half, twice: same, same.
     reach_shrink: f64 = 0.4;
-    /// Half, twice: same, same.
     most_astray: f64 = 1.0;
     /// Share of the way back to the path from beyond [`most_astray`], in the same lengths. Full Newton
     /// steps there jump across a kink without end.
-    /// Half, twice: same, same.
     way_back: f64 = 0.5;
     /// A longer second-order term is omitted.
-    /// Half, twice: same, same.
     most_bent: f64 = 2.0;
     /// With more unknowns, a matrix that is not sparse is too large to factor repeatedly.
-    /// Half, twice: same, same.
     most_dense: usize = 1000;
 
     // uzawa.rs
@@ -264,7 +224,6 @@ fitted! {
     sequence_share: f64 = 0.01;
     /// Attempts, each a hundredth as large, until `B` does not increase. If none does, the field
     /// before is kept.
-    /// Half, twice: same, same.
     sequence_refinements: usize = 4;
 
     // pivoting.rs
@@ -286,22 +245,18 @@ fitted! {
     /// Half, twice: +5.4 %, +2.4 %.
     pivot_refresh: usize = 50;
     /// A path that starts at `t = 1` and exceeds this has turned back.
-    /// Half, twice: same, same.
     turned_back: f64 = 2.0;
     /// A start on a boundary is moved away by this share of its size.
-    /// Half, twice: same, same.
     off_boundary: f64 = 1e-6;
 
     // tangent_stiffness_form.rs
     /// The form pays if it has so many times fewer unknowns than the other: both make a matrix, and
     /// this one multiplies by `W` and its inverse.
-    /// Half, twice: same, same.
     fewer_unknowns: usize = 2;
 
     // enumerate.rs
     /// Nodes that a solver visits at most, some seconds of work. The bounds that cut most of the
     /// tree for an elastic W cut nothing for an indefinite one.
-    /// Half, twice: same, same.
     most_nodes: usize = 200_000;
 }
 

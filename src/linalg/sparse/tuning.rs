@@ -1,7 +1,8 @@
 //! The fitted constants of ordering and factorisation.
 //!
 //! *Half, twice* is what half and twice the value change in the work of `benches/tuning.py`: the
-//! operations of the factorisation of four shipped scenes with 6 to 10 cells a side.
+//! operations of the factorisation of four shipped scenes with 6 to 10 cells a side. Where it is
+//! missing, neither changes it, as a rule because these sets do not reach the constant.
 
 use crate::fitted::fitted;
 
@@ -9,39 +10,30 @@ fitted! {
     // supervariables.rs
     /// A vertex with more neighbours than this many times `√N` is ordered last: dissection cannot
     /// separate the vertices around it.
-    /// Half, twice: same, same.
     dense_degree: f64 = 10.0;
     /// Equal neighbourhoods define the nodes if there are this many times fewer nodes than
     /// unknowns. If hardly any are equal, entries that happen to vanish are missing in K.
-    /// Half, twice: same, same.
     fewer_nodes: f64 = 0.6;
     /// Consecutive unknowns belong to one node, up to [`node_size`] of them, if this share of all their
     /// neighbours are neighbours of both. Nodes of one element share half of their neighbours.
-    /// Half, twice: same, same.
     common_share: f64 = 0.75;
     /// The same share for single unknowns, if directions are coupled: 0.46 on a grid of bricks
     /// whose directions are coupled only between nodes off the axes.
-    /// Half, twice: same, same.
     acting_share: f64 = 0.25;
     /// Largest number of degrees of freedom of a node, that of a shell.
-    /// Half, twice: same, same.
     node_size: usize = 6;
 
     // mod.rs
     /// Up to this work for each node, METIS is not used if coordinates have given an order [flop]:
     /// METIS takes about 10 µs for each node, and half of this work takes no longer.
-    /// Half, twice: same, same.
     worth_metis: f64 = 1e6;
 
     // tasks.rs
     /// Approximate number of subtrees of a small tree.
-    /// Half, twice: same, same.
     task_parts: f64 = 16.0;
     /// Work of a subtree that one thread does alone [flop]: some milliseconds, far above the cost of
     /// a task. If the total work is not much larger, a share of it, but at least the first value.
-    /// Half, twice: same, same.
     least_leaf: f64 = 1e7;
-    /// Half, twice: same, same.
     largest_leaf: f64 = 2e8;
 
     // ordering.rs
@@ -53,12 +45,10 @@ fitted! {
     /// Rounding error of a pivot, relative to its diagonal in K, for each unknown eliminated before
     /// it. The stiffness of a free motion sums to the rounding of K, which adds up for equal cells:
     /// free plates of 1e2 to 1e5 unknowns give 1.6 roundings for each unknown.
-    /// Half, twice: same, same.
     pivot_roundings: f64 = 8.0;
 
     // tree.rs
     /// A front is merged with its parent if both have at most this many pivots together.
-    /// Half, twice: same, same.
     few_pivots: usize = 4;
     /// The same if less than this share of the entries of the merged front is zero.
     /// Half, twice: −2.3 %, +2.8 %.
