@@ -59,7 +59,10 @@ def list_keys(scene: str | None, incomplete: str) -> list[str]:
     here = _follow(_read_table(scene), above)
     names: list[str] = keys_of_schema(Scene, above)
     if isinstance(here, list):
-        names = [str(k) for k in range(len(here))]
+        names = [
+            str(entry.get("name", k)) if isinstance(entry, dict) else str(k)
+            for k, entry in enumerate(here)
+        ]
     elif isinstance(here, dict):
         names = list(dict.fromkeys([*here, *names]))
     keys = []
@@ -100,11 +103,13 @@ def _read_table(scene: str | None) -> object:
 
 def _follow(table: object, place: list[str]) -> object:
     """The value at a key path; None if there is none."""
+    from bipot_rs.scene.reading import entries
+
     for part in place:
         if isinstance(table, dict):
             table = table.get(part)
-        elif isinstance(table, list) and part.isdecimal() and int(part) < len(table):
-            table = table[int(part)]
+        elif isinstance(table, list) and (chosen := entries(table, part)):
+            table = table[chosen[0]]
         else:
             return None
     return table

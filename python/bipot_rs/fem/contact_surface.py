@@ -10,8 +10,8 @@ from bipot_rs.files.result_mesh import Cells, ResultMesh
 
 
 def surface_names(model: Assembly) -> list[str]:
-    """Names of the contact surfaces, ``"body.surface"``; equal names get a number."""
-    plain = [f"{contact.body}.{contact.surface}" for contact in model.contacts]
+    """Titles of the contacts, ``"body.surface"`` without a name; equal ones get a number."""
+    plain = [contact.title for contact in model.contacts]
     return [
         name if plain.count(name) == 1 else f"{name} {k}"
         for k, name in enumerate(plain)

@@ -15,24 +15,24 @@ from bipot_rs.fem.constraints.references import reference_named
 
 
 def contacts_by_surface(model: Assembly) -> dict[str, Ints]:
-    """Numbers of the contacts on each surface ``"body.surface"`` that has contacts."""
-    names = [f"{c.body}.{c.surface}" for c in model.contacts]
-    of_contact = np.array(names)[model.group]
-    return {name: np.flatnonzero(of_contact == name) for name in dict.fromkeys(names)}
+    """Numbers of the contacts by title: a name, or a surface ``"body.surface"``."""
+    titles = dict.fromkeys(contact.title for contact in model.contacts)
+    return {title: contacts_on(model, title) for title in titles}
 
 
 def contacts_on(model: Assembly, on: str) -> Ints:
-    """Numbers of the contacts on one surface, ascending.
+    """Numbers of the contacts on one surface, or of the contact of this name, ascending.
 
     Raises
     ------
     ValueError
-        No contact is on it; the message lists the surfaces with contacts.
+        No contact is on it; the message lists the titles of the contacts.
     """
-    names = contacts_by_surface(model)
-    if on not in names:
-        raise ValueError(f"there is no contact on {on!r}{instead(on, names)}")
-    return names[on]
+    chosen = [on in (c.title, f"{c.body}.{c.surface}") for c in model.contacts]
+    if not any(chosen):
+        titles = list(dict.fromkeys(contact.title for contact in model.contacts))
+        raise ValueError(f"there is no contact on {on!r}{instead(on, titles)}")
+    return np.flatnonzero(np.array(chosen)[model.group])
 
 
 def contact_force(model: Assembly, steps: Sequence[Step], on: str) -> Floats:

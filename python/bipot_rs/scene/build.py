@@ -194,6 +194,7 @@ def make_contacts(scene: Scene, motions: Mapping[str, Motion | None]) -> list[Co
                 within=c.within.box() if c.within else None,
                 axis=c.axis,
                 pairing=c.pairing,
+                name=c.name or "",
                 obstacle=obstacles.get(c.obstacle or ""),
                 motion=motions.get(c.obstacle or ""),
                 floating=None

@@ -275,7 +275,8 @@ class Model:
         ``against``, the name of an obstacle or of a surface of another body. ``pairing``
         is ``"match"``, or for meshes that do not match ``"mortar"`` or ``"nodes"``.
         ``clearance`` is a height, or a table of ``height``, ``radius`` and ``centre``;
-        ``within`` gives ranges of coordinates.
+        ``within`` gives ranges of coordinates. Tables and files name the contact by
+        ``name``, else by its surface.
         """
         self._add_to_list("contact", on, table)
 
@@ -526,7 +527,8 @@ class ModelResult(Result):
     def contacts_of(self, on: str) -> Ints:
         """Numbers of the contacts on a surface ``"body.surface"``, ascending.
 
-        The surface is ``on`` of the contact's table. As `fem.resultants.contacts_on`.
+        The surface is ``on`` of the contact's table; its ``name`` serves too. As
+        `fem.resultants.contacts_on`.
         """
         return resultants.contacts_on(self.case.model, on)
 

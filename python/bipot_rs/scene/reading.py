@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -29,7 +30,8 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
         A shipped name or a TOML file.
     settings
         ``"key.sub.key=value"``, the value as in TOML or a word without quotes;
-        ``contact.0.mu`` is the key ``mu`` of the first contact.
+        ``contact.0.mu`` is the key ``mu`` of the first contact, ``contact.faying.mu`` of
+        the one of this name, ``contact.*.mu`` of all.
 
     Raises
     ------
@@ -119,40 +121,49 @@ def _override(table: dict[str, object], setting: str) -> Mistake | None:
     return Mistake(key, wrong, MistakeKind.SETTING) if wrong else None
 
 
-def entry(part: str) -> int | None:
-    """Index of a list entry; None if ``part`` is not a number."""
-    # Not str.isdigit: it accepts superscripts, which int refuses. Nor more digits: int
-    # refuses thousands of them.
-    return int(part) if re.fullmatch("[0-9]{1,18}", part) else None
+def entries(at: Sequence[object], part: str) -> list[int]:
+    """Indices of the entries of a list that a part of a key means: its number, name or ``*``."""
+    names = [entry.get("name") if isinstance(entry, dict) else None for entry in at]
+    return [k for k, name in enumerate(names) if part in (str(k), "*", name)]
 
 
 def put(table: dict[str, object], key: str, value: object) -> str | None:
-    """Set ``"key.0.key"`` of a table; a message if there is no such place."""
+    """Set ``"key.0.key"`` of a table, or ``"key.name.key"``, or of all entries ``"key.*.key"``.
+
+    Returns a message if there is no such place.
+    """
     parts = key.split(".")
-    at: Any = table
+    tables: list[Any] = [table]
     for depth, part in enumerate(parts):
         place, last = ".".join(parts[:depth]), depth == len(parts) - 1
-        if isinstance(at, list):
-            index: Any = entry(part)
-            if not at:
-                return f"{place} has no entries"
-            if index is None or index >= len(at):
-                last_entry = f" to {place}.{len(at) - 1}" if len(at) > 1 else ""
-                return (
-                    f"{place} is a list of {count_noun(len(at), 'entry')}, expected "
-                    f"{place}.0{last_entry}"
-                )
-        elif isinstance(at, dict):
-            index = part
-            if not last and index not in at:
-                if depth == 1 and parts[0] in ("body", "material"):
-                    # Otherwise a new, incomplete body or material would be made.
-                    return f"there is no {parts[0]} {part!r}{instead(part, at)}"
-                at[index] = {}
-        else:
-            return f"{place} is not a table"
+        places: list[tuple[Any, Any]] = []
+        for at in tables:
+            if isinstance(at, list):
+                chosen = entries(at, part)
+                if not at:
+                    return f"{place} has no entries"
+                if not chosen:
+                    last_entry = f" to {place}.{len(at) - 1}" if len(at) > 1 else ""
+                    named = [
+                        e["name"] for e in at if isinstance(e, dict) and "name" in e
+                    ]
+                    by_name = f" or {place}.NAME{instead(part, named)}" if named else ""
+                    return (
+                        f"{place} is a list of {count_noun(len(at), 'entry')}, expected "
+                        f"{place}.0{last_entry}{by_name}"
+                    )
+                places += [(at, index) for index in chosen]
+            elif isinstance(at, dict):
+                if not last and part not in at:
+                    if depth == 1 and parts[0] in ("body", "material"):
+                        # Otherwise a new, incomplete body or material would be made.
+                        return f"there is no {parts[0]} {part!r}{instead(part, at)}"
+                    at[part] = {}
+                places.append((at, part))
+            else:
+                return f"{place} is not a table"
         if last:
-            at[index] = value
-        else:
-            at = at[index]
+            for at, index in places:
+                at[index] = copy.deepcopy(value)
+        tables = [] if last else [at[index] for at, index in places]
     return None

@@ -1,7 +1,9 @@
 """One model by Python, by TOML and by arrays gives the same bits."""
 
+import csv
 import doctest
 import pickle
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -13,10 +15,11 @@ from hypothesis import strategies as st
 
 import bipot_rs as bp
 from bipot_rs import scene
+from bipot_rs.cli.completion import list_keys
 from bipot_rs.scene import builder
 from bipot_rs.scene.schema.root import Scene
+from support import children
 from support.body_models import blocks
-from support.children import bipot
 
 
 def test_units_of_a_model_are_those_of_its_result(tmp_path: Path) -> None:
@@ -29,7 +32,7 @@ def test_units_of_a_model_are_those_of_its_result(tmp_path: Path) -> None:
 def test_automatic_steps_from_toml_and_python_are_equal(tmp_path: Path) -> None:
     m = blocks(automatic={"slip": 4e-4})
     m.to_toml(tmp_path / "blocks.toml")
-    run = bipot("run", "blocks.toml", "--out", "here", cwd=tmp_path)
+    run = children.bipot("run", "blocks.toml", "--out", "here", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     result = m.solve()
     assert len(result) > 2
@@ -87,6 +90,55 @@ def test_several_contacts_of_one_surface() -> None:
     case = m.assemble()
     assert sorted(set(case.model.group.tolist())) == [0, 1]
     np.testing.assert_array_equal(m.contacts["block.bottom"], np.arange(5))
+
+
+def test_contacts_with_names(bipot: Any) -> None:
+    """Two contacts of one surface: names in tables, files, options and keys."""
+    m = bp.Model.from_toml("pressed_block").with_(**{"mesh.n": 4})
+    first = {"contact.0.within": {"x": [0.0, 15.0]}, "contact.0.name": "left"}
+    m = m.with_(**first)
+    more = m.to_dict()["contact"][0] | {"within": {"x": [16.0, 40.0]}, "name": "right"}
+    m.contact(more.pop("on"), **more)
+    np.testing.assert_array_equal(m.contacts["right"], np.arange(2, 5))
+    changed = m.with_(**{"contact.*.mu": 0.2, "contact.right.mu": 0.5})
+    mus = [contact.mu for contact in changed.scene.contact]
+    assert mus == [0.2, 0.5]
+    result = changed.solve()
+    both = result.contact_force("left") + result.contact_force("right")
+    np.testing.assert_array_equal(both, result.contact_force("block.bottom"))
+    assert list(result.contacts["surface_names"]) == ["left", "right"]
+    m.to_toml("two.toml")
+    keys = ("--set", "contact.*.mu=0.2", "--set", "contact.right.mu=0.5")
+    assert bipot("run", "two.toml", *keys, "--out", "out")[0] == 0
+    with Path("out/steps.csv").open() as file:
+        (row, *_) = csv.DictReader(file)
+    force = float(row["normal_force of right"])
+    assert force == pytest.approx(result.contact_force("right")[0, 1], rel=1e-9)
+    assert bipot("plot", "out", "--contact", "right")[0] == 0
+    status, _, err = bipot("plot", "out", "--on", "rigth")
+    assert status == 2
+    assert "expected one of left, right, did you mean 'right'?" in err
+    assert bipot("sweep", "two.toml", "--set", "contact.right.mu=0.1,0.5")[0] == 0
+    assert "contact.right.mu=" in list_keys("two.toml", "contact.r")
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["a", "a"], "contact.1.name: contact.0 has this name too"),
+        (["a.b", "a"], "contact.0.name: should be letters, digits"),
+        (["0", "a"], "contact.0.name: should be letters, digits"),
+    ],
+)
+def test_wrong_names_of_contacts(names: list[str], said: str) -> None:
+    m = bp.Model.from_toml("pressed_block")
+    (table,) = m.to_dict()["contact"]
+    m.contact(**table)
+    m = m.with_(**{f"contact.{k}.name": name for k, name in enumerate(names)})
+    with pytest.raises(scene.SceneError, match=re.escape(said)):
+        _ = m.scene
+    with pytest.raises(scene.SceneError, match=r"contact.0 to contact.1 or .*of "):
+        m.with_(**{"contact.b.mu": 0.1})
 
 
 def test_a_result_keeps_its_names_through_a_pickle() -> None:

@@ -265,7 +265,7 @@ def test_suggestions_for_keys_that_exist_elsewhere() -> None:
         )
         assert f"contact.{k}.cells: unknown key, {near}" in messages
         (meant,) = (line for line in messages if line.startswith(f"contact.{k}.zzz: "))
-        assert meant.startswith(f"contact.{k}.zzz: unknown key, expected one of on, mu")
+        assert meant.startswith(f"contact.{k}.zzz: unknown key, expected one of on, name, mu")
 
 
 def test_files_that_are_not_scenes(tmp_path: Path) -> None:

@@ -48,8 +48,8 @@ def add_arguments(parser: shared.Parser) -> None:
     parser.add_argument(
         "--contact",
         "--on",
-        metavar="BODY.SURFACE",
-        help="Contact surface to draw. Default: all.",
+        metavar="NAME",
+        help="Contact to draw, by its name or its BODY.SURFACE. Default: all.",
     )
     parser.add_argument(
         "--along",

@@ -49,7 +49,8 @@ def summarise(name: str) -> dict[str, object]:
         if entries
     ]
     touching = [
-        f"{pair.on} against {pair.against or 'a plane'}, mu {pair.mu}"
+        f"{pair.name + ': ' if pair.name else ''}{pair.on} against "
+        f"{pair.against or 'a plane'}, mu {pair.mu}"
         + "".join(
             f", {name} {getattr(pair, name):g}"
             for name in ("cohesion", "dilatancy")

@@ -101,7 +101,7 @@ def sizes(model: Assembly, steps: int) -> list[str]:
         for body in model.bodies
     )
     contacts = ", ".join(
-        f"{contact.body}.{contact.surface}"
+        contact.title
         + (f" against {'.'.join(contact.against)}" if contact.against else "")
         + (f" by {contact.pairing}" if contact.pairing != "match" else "")
         + f" ({int((model.group == k).sum())})"

@@ -27,7 +27,6 @@ from bipot_rs.fem.checks.free_bodies import (
     has_friction,
     list_unsupported,
 )
-from bipot_rs.fem.contact.contact import surface_names
 from bipot_rs.fem.contact.surfaces import ContactSurface
 from bipot_rs.fem.tuning import (
     LARGE_LOAD,
@@ -357,7 +356,7 @@ def _slid(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
             continue
         moved = measure_displacement(steps[k], at[node])
         yield (
-            f"contacts of {surface_names(contact)[0]} slide by up to "
+            f"contacts of {contact.title} slide by up to "
             f"{np.linalg.norm(moved):.3g} from where they were, at "
             f"{place(model.points[at[node]])} in load step {k + 1} of {len(steps)}, "
             f"{ratio:.2g} times their distance from each other: such slips are outside the "
@@ -376,7 +375,7 @@ def _coarse(model: Assembly, last: Step, count: int) -> Iterator[str]:
         if nodes < NODES_ACROSS:
             yield (
                 f"at the end, load step {count} of {count}, the contact zone of "
-                f"{surface_names(contact)[0]} is {nodes:.0f} node{'' if nodes < 1.5 else 's'} "
+                f"{contact.title} is {nodes:.0f} node{'' if nodes < 1.5 else 's'} "
                 f"across, around {place(model.points[pressed].mean(axis=0))}: its "
                 "pressure is inaccurate there; use smaller cells"
             )

@@ -62,6 +62,8 @@ class Contact:
     ``cohesion`` is a shear stress [Pa], which is multiplied by the areas of the contacts;
     ``dilatancy`` the opening per slip, up to ``mu``: see `ContactProblem`.
 
+    ``name`` is the title of the contact in tables and files, by default ``"body.surface"``.
+
     With ``floating``, the force `Assembly.reference_force` moves the rigid obstacle, in
     addition to ``motion``: small translations, with the normals of the start.
     """
@@ -80,16 +82,17 @@ class Contact:
     floating: Floating | None = None
     cohesion: float = 0.0
     dilatancy: float = 0.0
+    name: str = ""
 
-
-def surface_names(contact: Contact) -> tuple[str, str]:
-    """Names of the two surfaces, ``"body.surface"``; the second is "" for an obstacle."""
-    return f"{contact.body}.{contact.surface}", ".".join(contact.against or ())
+    @property
+    def title(self) -> str:
+        """Its name, else that of its surface, ``"body.surface"``."""
+        return self.name or f"{self.body}.{self.surface}"
 
 
 def both(contact: Contact) -> str:
-    """Names of the two surfaces, for messages."""
-    return " and ".join(surface_names(contact))
+    """Names of the two surfaces, for messages; the second is "" for an obstacle."""
+    return f"{contact.body}.{contact.surface} and {'.'.join(contact.against or ())}"
 
 
 def refuse_itself(contact: Contact) -> Never:

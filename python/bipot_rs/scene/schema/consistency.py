@@ -17,7 +17,7 @@ from bipot_rs.scene.mistakes import Mistake, MistakeKind
 from bipot_rs.scene.schema.contact import PlaneTable, Ring, Touch
 from bipot_rs.scene.schema.mesh import Block, Within
 from bipot_rs.scene.schema.root import Scene
-from bipot_rs.scene.schema.table import AXES, LARGEST, Components
+from bipot_rs.scene.schema.table import AXES, LARGEST, NAME, Components
 from bipot_rs.scene.units import find_inconsistency
 
 _DOT = "contains a dot, which separates a body from its surface; choose another name"
@@ -335,8 +335,20 @@ def _strains(
 def _contacts(
     scene: Scene, known: Mapping[str, Known], dim: int | None
 ) -> Iterator[Mistake]:
+    names = [contact.name for contact in scene.contact]
     for i, contact in enumerate(scene.contact):
         place = f"contact.{i}"
+        if contact.name is not None and not NAME.fullmatch(contact.name):
+            yield Mistake(
+                f"{place}.name",
+                "should be letters, digits, '_' and '-', with a letter first, got "
+                f"{contact.name!r}",
+            )
+        elif contact.name is not None and contact.name in names[:i]:
+            yield Mistake(
+                f"{place}.name",
+                f"contact.{names.index(contact.name)} has this name too; choose another",
+            )
         if (contact.plane is None) == (contact.against is None):
             yield Mistake(
                 place,

@@ -141,9 +141,11 @@ class Touch(Table):
     ``"nodes"`` nodes meet facets. Two numbers ``mu`` are friction along the tangential
     part of ``axis``, and across it. ``cohesion`` is the shear stress that a contact carries
     without pressure until it opens, ``dilatancy`` its opening per slip, at most ``mu``.
+    Tables, files and ``--set`` name the contact by ``name``.
     """
 
     on: str
+    name: str | None = None
     mu: OneOrList[_Coefficient, _Pair]
     axis: Vector | None = None
     cohesion: _Coefficient = 0.0

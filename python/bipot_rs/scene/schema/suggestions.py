@@ -68,8 +68,7 @@ def _step(annotation: object, part: str) -> Iterator[object]:
         if part in fields:
             yield fields[part]
     elif get_origin(annotation) is list:
-        if part.isdigit():
-            yield inner[0]
+        yield inner[0]
     elif get_origin(annotation) is dict:
         yield inner[1]
     else:

@@ -1,5 +1,6 @@
 """Base class and types of all tables of a scene."""
 
+import re
 from typing import Annotated, TypeAlias, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
@@ -10,6 +11,8 @@ MOST = 1_000_000
 # Products of a few lengths, moduli and forces beyond this, or below its inverse, would
 # overflow or underflow. No system of units needs such numbers.
 LARGEST = 1e60
+# Names that stand in keys of ``--set`` and in formulas.
+NAME = re.compile(r"[^\W\d][\w-]*")
 
 
 class Table(BaseModel):
