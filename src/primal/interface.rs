@@ -4,9 +4,9 @@
 
 use std::sync::Mutex;
 
-use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::changed_rows::ChangedRows;
 use crate::linalg::amg::multigrid::Multigrid;
+use crate::linalg::amg::symmetric_blocks::SymmetricBlocks;
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
 use crate::primal::frames::Frames;
@@ -30,7 +30,7 @@ pub(super) struct Interface {
 impl Interface {
     /// Computes the rows.
     #[must_use]
-    pub(super) fn new<const D: usize>(matrix: &BlockMatrix<f64>, frames: &Frames<D>) -> Self {
+    pub(super) fn new<const D: usize>(matrix: &SymmetricBlocks, frames: &Frames<D>) -> Self {
         let changes = Transformation::new(matrix.nodes(), frames);
         // `K T` in the rows of contact nodes and masters.
         let mut number = vec![ABSENT; matrix.nodes()];
@@ -40,9 +40,9 @@ impl Interface {
         let right = tasks::map(changes.nodes.chunks(ROWS), |_, nodes| {
             let mut sum = RowSum::new(matrix.nodes());
             let of_node = |&node: &u32| {
-                for (q, block) in matrix.blocks_of_row(node as usize) {
+                matrix.for_each_block(node as usize, |q, block| {
                     changes.add(Block::from_column_slice(block), q, &mut sum);
-                }
+                });
                 sum.take()
             };
             nodes

@@ -77,10 +77,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         });
         Self {
             problem,
-            cycle: CycleSettings {
-                spectrum: problem.stiffness.spectrum,
-                ..CycleSettings::default()
-            },
+            cycle: CycleSettings::default(),
             statuses: Vec::new(),
             held: Vec::new(),
             following,
@@ -113,9 +110,11 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         if same && self.following.is_some() {
             return Ok(());
         }
-        let mut following = match self.following.take() {
-            Some(following) => following,
-            None => self.problem.hierarchy(&self.cycle, stop)?,
+        let mut following = if let Some(following) = self.following.take() {
+            following
+        } else {
+            self.cycle.spectrum = self.problem.stiffness.spectrum();
+            self.problem.hierarchy(&self.cycle, stop)?
         };
         following.update(
             &tangent.held,
@@ -188,10 +187,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
                 matrix,
                 self.problem.about_nodes(),
                 &tangent.held,
-                &CycleSettings {
-                    spectrum: None,
-                    ..self.cycle
-                },
+                &self.cycle,
                 stop,
             )?);
         }

@@ -1,7 +1,7 @@
 //! A contact problem in the displacements: `K` in blocks of nodes, and the contacts.
 
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use crate::bodies::basis::{motions_of_nodes, translations_of_nodes};
 use crate::bodies::connected;
@@ -14,6 +14,7 @@ use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::soft_motions::complete;
+use crate::linalg::amg::symmetric_blocks::SymmetricBlocks;
 use crate::linalg::compensated::Sum;
 use crate::linalg::parallel::zero_where;
 use crate::linalg::small::{Block, Vector};
@@ -35,7 +36,7 @@ use crate::reduced::validate::{check_finite, check_length};
 #[derive(Debug)]
 pub struct Stiffness {
     /// `K` of the free degrees of freedom.
-    pub matrix: BlockMatrix<f64>,
+    pub matrix: SymmetricBlocks,
     pub nodes: Nodes,
     /// Whether each place has a free degree of freedom.
     pub free: Vec<bool>,
@@ -44,19 +45,31 @@ pub struct Stiffness {
     position: Vec<Option<usize>>,
     /// Columns of `K` at the prescribed degrees of freedom; rows of free ones only.
     coupling: OwnedMatrix,
-    /// Bound of the eigenvalues of `D⁻¹ K`, which holds for all statuses. It is that of `K`
-    /// alone, so that a path that continues has the same bits as an uninterrupted one.
-    pub spectrum: Option<f64>,
-    /// The matrix in single precision that gave the bound, for the first hierarchy.
-    single: Mutex<Option<BlockMatrix<f32>>>,
+    spectrum: OnceLock<Option<f64>>,
+    /// The matrix in single precision that gave the spectrum, for the first hierarchy.
+    single: Mutex<Option<BlockMatrix>>,
     /// Near-null vectors if there are no coordinates.
     motions: Option<Vec<f64>>,
     pub(super) supports: Supports,
 }
 
 impl Stiffness {
+    /// Bound of the eigenvalues of `D⁻¹ K`, which holds for all statuses. It is that of `K`
+    /// alone, so that a path that continues has the same bits as an uninterrupted one. It is
+    /// computed when it is first asked for: the caller's K may have been freed by then.
+    pub(super) fn spectrum(&self) -> Option<f64> {
+        *self.spectrum.get_or_init(|| {
+            let single = self.single();
+            let bound = Multigrid::spectrum_of(&single);
+            if let Ok(mut known) = self.single.lock() {
+                *known = Some(single);
+            }
+            bound
+        })
+    }
+
     /// The matrix in single precision.
-    fn single(&self) -> BlockMatrix<f32> {
+    fn single(&self) -> BlockMatrix {
         let known = self.single.lock().ok().and_then(|mut known| known.take());
         known.unwrap_or_else(|| self.matrix.to_single())
     }
@@ -125,7 +138,7 @@ impl<const D: usize> Primal<D> {
                 free[*at as usize] = true;
             }
         }
-        let matrix = BlockMatrix::new(&given.stiffness, &place, nodes.count, D);
+        let matrix = SymmetricBlocks::new(&given.stiffness, &place, nodes.count, D);
         let bodies = matrix.connected();
         let supports = match &nodes.coordinates {
             // Which rotations are soft is not known.
@@ -138,24 +151,24 @@ impl<const D: usize> Primal<D> {
                 supports::check::<D, I>(&given.stiffness, &contact, &nodes, motions, &position)?
             }
         };
-        let single = matrix.to_single();
-        let spectrum = Multigrid::spectrum_of(&single);
-        let motions = match &nodes.coordinates {
-            Some(_) => None,
-            None => Some(motions_of(&matrix, &single, bodies, spectrum, stop)?),
-        };
-        let stiffness = Stiffness {
+        let mut stiffness = Stiffness {
             matrix,
             nodes,
             free,
             fixed: given.fixed.to_vec(),
             coupling: connected::columns(&given.stiffness, given.fixed, &position),
             position,
-            spectrum,
-            single: Mutex::new(Some(single)),
-            motions,
+            spectrum: OnceLock::new(),
+            single: Mutex::new(None),
+            motions: None,
             supports,
         };
+        if stiffness.nodes.coordinates.is_none() {
+            let spectrum = stiffness.spectrum();
+            let single = stiffness.single();
+            let motions = motions_of(&stiffness.matrix, &single, bodies, spectrum, stop)?;
+            (stiffness.motions, stiffness.single) = (Some(motions), Mutex::new(Some(single)));
+        }
         Self::of(
             Arc::new(stiffness),
             Arc::new(contact),
@@ -338,12 +351,12 @@ impl<const D: usize> Primal<D> {
             if own.iter().all(|&value| value == 0.0) {
                 continue;
             }
-            for (other, block) in self.stiffness.matrix.blocks_of_row(node) {
+            self.stiffness.matrix.for_each_block(node, |other, block| {
                 let force = Block::<D>::from_column_slice(block).tr_mul(&own);
                 for (out, force) in out[D * other..].iter_mut().zip(force.iter()) {
                     *out += force;
                 }
-            }
+            });
         }
         self.clear_prescribed(&mut out);
         self.contacts.frames.forces_to_local(&mut out);
@@ -488,10 +501,10 @@ impl<const D: usize> Primal<D> {
                 row.extend(known.coupling.entries(p));
             } else {
                 let at = known.nodes.place[i] as usize;
-                for (node, block) in known.matrix.blocks_of_row(at / D) {
+                known.matrix.for_each_block(at / D, |node, block| {
                     let own = (0..D).map(|c| (dof[D * node + c], block[D * c + at % D]));
                     row.extend(own.filter(|&(j, _)| known.position[j].is_none()));
-                }
+                });
             }
             row.sort_unstable_by_key(|&(j, _)| j);
             out.index.extend(row.iter().map(|&(j, _)| j));
@@ -526,8 +539,8 @@ impl<const D: usize> Primal<D> {
 /// Near-null vectors from `K` alone. Supports must hold each body: whether contact can hold one,
 /// only its rigid motions tell.
 fn motions_of(
-    matrix: &BlockMatrix<f64>,
-    single: &BlockMatrix<f32>,
+    matrix: &SymmetricBlocks,
+    single: &BlockMatrix,
     bodies: Vec<u32>,
     spectrum: Option<f64>,
     stop: &AtomicBool,

@@ -54,9 +54,9 @@ fitted! {
     compliance_of_node: f64 = 2.0;
 
     // problem.rs
-    /// Bytes of the hierarchy relative to the blocks of `K`, which are in double precision; for the
-    /// forecast.
-    hierarchy_bytes: f64 = 1.1;
+    /// Bytes of the hierarchy relative to the half of `K` that is stored in double precision; for
+    /// the forecast.
+    hierarchy_bytes: f64 = 1.6;
     /// Bytes of the vectors of GMRES and of the Newton steps for each unknown: forty, in double and
     /// in single precision.
     vector_bytes: usize = 480;

@@ -4,11 +4,11 @@
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::bodies::basis::motions_of_nodes;
-use bipot_rs::linalg::amg::block_matrix::BlockMatrix;
 use bipot_rs::linalg::amg::following::Following;
 use bipot_rs::linalg::amg::multigrid::Multigrid;
 use bipot_rs::linalg::amg::nodes::LevelNodes;
 use bipot_rs::linalg::amg::settings::CycleSettings;
+use bipot_rs::linalg::amg::symmetric_blocks::SymmetricBlocks;
 use bipot_rs::linalg::conjugate_gradients;
 use bipot_rs::linalg::flexible_gmres::{self, Limits};
 use bipot_rs::linalg::parallel::norm;
@@ -19,9 +19,9 @@ use crate::common::elasticity::{Assembled, Cell, Grid};
 /// Rounding of products and of the recurrence stays below this for the condition of these bodies.
 const TOL: f64 = 1e-12;
 
-fn blocks(body: &Assembled) -> BlockMatrix<f64> {
+fn blocks(body: &Assembled) -> SymmetricBlocks {
     let place: Vec<u32> = (0..u32::try_from(body.n()).unwrap()).collect();
-    BlockMatrix::new(&body.view(), &place, body.nodes(), body.dim)
+    SymmetricBlocks::new(&body.view(), &place, body.nodes(), body.dim)
 }
 
 fn about(body: &Assembled) -> LevelNodes {
@@ -32,7 +32,7 @@ fn about(body: &Assembled) -> LevelNodes {
     }
 }
 
-fn multigrid(body: &Assembled, settings: &CycleSettings) -> (BlockMatrix<f64>, Multigrid) {
+fn multigrid(body: &Assembled, settings: &CycleSettings) -> (SymmetricBlocks, Multigrid) {
     let matrix = blocks(body);
     let held = vec![false; body.n()];
     let never = AtomicBool::new(false);
@@ -41,7 +41,7 @@ fn multigrid(body: &Assembled, settings: &CycleSettings) -> (BlockMatrix<f64>, M
 }
 
 /// Iterations of conjugate gradients, and the solution, which is checked.
-fn solve(matrix: &BlockMatrix<f64>, levels: &mut Multigrid, b: &[f64]) -> (usize, Vec<f64>) {
+fn solve(matrix: &SymmetricBlocks, levels: &mut Multigrid, b: &[f64]) -> (usize, Vec<f64>) {
     let never = AtomicBool::new(false);
     let found = conjugate_gradients::solve(
         |x, y| matrix.product(x, y),

@@ -75,7 +75,7 @@ impl Aggregates {
     ///
     /// One thread does this, so that the result does not depend on their number; it takes a few
     /// percent of the set-up.
-    pub(super) fn new(matrix: &BlockMatrix<f32>, about: &LevelNodes) -> Self {
+    pub(super) fn new(matrix: &BlockMatrix, about: &LevelNodes) -> Self {
         let nodes = matrix.nodes();
         let couplings = couplings(matrix, about);
         let neighbours = |i: usize| {
@@ -152,7 +152,7 @@ impl Aggregates {
 
 /// Norm of each block beside the diagonal, zero for one that is only rounding, between bodies or
 /// of nodes far from each other.
-fn couplings(matrix: &BlockMatrix<f32>, about: &LevelNodes) -> Vec<f32> {
+fn couplings(matrix: &BlockMatrix, about: &LevelNodes) -> Vec<f32> {
     /// Of the diagonal block. Single precision rounds at 1e-7 of an entry; assembly cancels
     /// entries to 1e-16 of their terms.
     const ROUNDING: f32 = 1e-12;

@@ -3,25 +3,23 @@
 
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
 use crate::linalg::amg::wide::{WideWork, widest};
-use crate::linalg::real::Real;
+use crate::linalg::real::Real as _;
 use crate::tasks;
 
 /// What becomes of the product `A x` in the rows of one task.
-trait Finish<T>: Send {
+trait Finish: Send {
     /// `product` is row `i` of `A x`; `k` is its number in the task.
-    fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[T]);
+    fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[f32]);
 }
 
-struct KernelRows<'a, T, F, const B: usize, const L: usize> {
-    matrix: &'a BlockMatrix<T>,
-    x: &'a [T],
+struct KernelRows<'a, F, const B: usize, const L: usize> {
+    matrix: &'a BlockMatrix,
+    x: &'a [f32],
     task: usize,
     then: F,
 }
 
-impl<T: Real, F: Finish<T>, const B: usize, const L: usize> WideWork
-    for KernelRows<'_, T, F, B, L>
-{
+impl<F: Finish, const B: usize, const L: usize> WideWork for KernelRows<'_, F, B, L> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(mut self) {
@@ -29,7 +27,7 @@ impl<T: Real, F: Finish<T>, const B: usize, const L: usize> WideWork
         for i in self.task * ROWS..matrix.nodes().min((self.task + 1) * ROWS) {
             let row = matrix.row(i);
             // One sum for each column of a block, in registers; lanes after B are not used.
-            let mut sums = [[T::default(); L]; B];
+            let mut sums = [[0.0_f32; L]; B];
             let mut values = &matrix.values[row.start * B * B..];
             for &j in &matrix.column[row] {
                 let block = &values[..B * B + L - B];
@@ -54,21 +52,21 @@ impl<T: Real, F: Finish<T>, const B: usize, const L: usize> WideWork
 }
 
 /// Calls the kernel of the size of the blocks.
-fn run<T: Real>(matrix: &BlockMatrix<T>, x: &[T], task: usize, then: impl Finish<T>) {
+fn run(matrix: &BlockMatrix, x: &[f32], task: usize, then: impl Finish) {
     match matrix.b {
-        2 => widest(KernelRows::<_, _, 2, 4> {
+        2 => widest(KernelRows::<_, 2, 4> {
             matrix,
             x,
             task,
             then,
         }),
-        3 => widest(KernelRows::<_, _, 3, 4> {
+        3 => widest(KernelRows::<_, 3, 4> {
             matrix,
             x,
             task,
             then,
         }),
-        6 => widest(KernelRows::<_, _, 6, 8> {
+        6 => widest(KernelRows::<_, 6, 8> {
             matrix,
             x,
             task,
@@ -78,24 +76,24 @@ fn run<T: Real>(matrix: &BlockMatrix<T>, x: &[T], task: usize, then: impl Finish
     }
 }
 
-struct Store<'a, T> {
-    y: &'a mut [T],
+struct Store<'a> {
+    y: &'a mut [f32],
 }
 
-impl<T: Real> Finish<T> for Store<'_, T> {
+impl Finish for Store<'_> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
-    fn finish<const FMA: bool>(&mut self, _: usize, k: usize, product: &[T]) {
+    fn finish<const FMA: bool>(&mut self, _: usize, k: usize, product: &[f32]) {
         self.y[k * product.len()..][..product.len()].copy_from_slice(product);
     }
 }
 
-impl<T: Real> BlockMatrix<T> {
+impl BlockMatrix {
     /// `y = A x`, for vectors of `b` entries for each node, in units of `2^`[`Self::exponent`].
     ///
     /// # Panics
     /// If `x` or `y` has not this length.
-    pub fn product(&self, x: &[T], y: &mut [T]) {
+    pub fn product(&self, x: &[f32], y: &mut [f32]) {
         assert_eq!(x.len(), self.b * self.nodes());
         assert_eq!(y.len(), x.len());
         tasks::for_each(y.chunks_mut(ROWS * self.b), |task, y| {
@@ -104,15 +102,15 @@ impl<T: Real> BlockMatrix<T> {
     }
 }
 
-struct Subtract<'a, T> {
-    b: &'a [T],
-    y: &'a mut [T],
+struct Subtract<'a> {
+    b: &'a [f32],
+    y: &'a mut [f32],
 }
 
-impl<T: Real> Finish<T> for Subtract<'_, T> {
+impl Finish for Subtract<'_> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
-    fn finish<const FMA: bool>(&mut self, _: usize, k: usize, product: &[T]) {
+    fn finish<const FMA: bool>(&mut self, _: usize, k: usize, product: &[f32]) {
         let n = product.len();
         let (b, y) = (&self.b[k * n..][..n], &mut self.y[k * n..][..n]);
         for l in 0..n {
@@ -122,7 +120,7 @@ impl<T: Real> Finish<T> for Subtract<'_, T> {
 }
 
 /// `y = b − A x`.
-pub(super) fn residual<T: Real>(matrix: &BlockMatrix<T>, x: &[T], b: &[T], y: &mut [T]) {
+pub(super) fn residual(matrix: &BlockMatrix, x: &[f32], b: &[f32], y: &mut [f32]) {
     let size = ROWS * matrix.b;
     let parts = y.chunks_mut(size).zip(b.chunks(size));
     tasks::for_each(parts, |task, (y, b)| {
@@ -147,7 +145,7 @@ struct SmootherStep<'a> {
     with: StepCoefficients,
 }
 
-impl Finish<f32> for SmootherStep<'_> {
+impl Finish for SmootherStep<'_> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[f32]) {
@@ -171,7 +169,7 @@ impl Finish<f32> for SmootherStep<'_> {
 
 /// `d ← c₁ d + c₂ D⁻¹ (b − A x)`, `y = x + c₃ d`.
 pub(super) fn step(
-    matrix: &BlockMatrix<f32>,
+    matrix: &BlockMatrix,
     inverse: &[f32],
     x: &[f32],
     b: &[f32],

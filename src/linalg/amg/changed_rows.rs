@@ -1,10 +1,13 @@
 //! A matrix that differs from another one in the rows and columns of some nodes.
 
+use std::sync::Arc;
+
 use crate::linalg::amg::aggregates::by_group;
-use crate::linalg::amg::block_matrix::ROWS;
-use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING};
+use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS};
+use crate::linalg::amg::symmetric_blocks::{StoredBlock, SymmetricBlocks};
+use crate::linalg::parallel::largest;
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::real::Real;
+use crate::linalg::real::Real as _;
 use crate::linalg::sparse::csc::narrow;
 use crate::tasks;
 
@@ -64,39 +67,15 @@ impl ChangedRows {
     }
 }
 
-impl<T: Real> BlockMatrix<T> {
-    /// The blocks of a row: the node of each column, and the block by columns, in units of
-    /// `2^`[`Self::exponent`].
-    pub fn blocks_of_row(&self, node: usize) -> impl Iterator<Item = (usize, &[T])> {
-        let size = self.b * self.b;
-        let row = self.row(node);
-        row.map(move |at| {
-            (
-                self.column[at] as usize,
-                &self.values[at * size..(at + 1) * size],
-            )
-        })
-    }
-}
-
-/// Where a block of the new matrix comes from.
-#[derive(Clone, Copy)]
-enum BlockSource {
-    Old(usize),
-    Changed(usize),
-    /// The mirror image of a block of the changed rows.
-    Mirror(usize),
-}
-
-impl BlockMatrix<f64> {
+impl SymmetricBlocks {
     /// The matrix in single precision, with the rows and columns of `changed` instead of its
     /// own. `held` unknowns have the rows and columns of the diagonal, which is positive there.
     ///
     /// # Panics
     /// If the blocks have not the same size, or `held` has not an entry for each unknown.
     #[must_use]
-    pub fn with_rows(&self, changed: &ChangedRows, held: &[bool]) -> BlockMatrix<f32> {
-        let (b, nodes) = (self.b, self.nodes());
+    pub fn with_rows(&self, changed: &ChangedRows, held: &[bool]) -> BlockMatrix {
+        let (b, nodes) = (self.block_size(), self.nodes());
         let size = b * b;
         assert_eq!(changed.b, b);
         assert_eq!(held.len(), b * nodes);
@@ -105,53 +84,34 @@ impl BlockMatrix<f64> {
             row_of[node as usize] = narrow(row);
         }
         let (met_start, met) = by_group(&changed.column, nodes);
-        let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-        let most =
-            largest(&self.values).max(times_two_to(largest(&changed.values), -self.exponent));
-        let shift = self.exponent + if most.is_finite() { exponent(most) } else { 0 };
-        let single =
-            |value: f64, exponent: i32| f32::rounded(times_two_to(value, exponent - shift));
-        let sources = |i: usize, row: &mut Vec<(u32, BlockSource)>| {
-            row.clear();
-            if row_of[i] != ABSENT {
-                let at = row_of[i] as usize;
-                let all = changed.start[at]..changed.start[at + 1];
-                row.extend(all.map(|at| (changed.column[at], BlockSource::Changed(at))));
-                return;
-            }
-            let old = self
-                .row(i)
-                .filter(|&at| row_of[self.column[at] as usize] == ABSENT);
-            row.extend(old.map(|at| (self.column[at], BlockSource::Old(at))));
-            for &at in &met[met_start[i] as usize..met_start[i + 1] as usize] {
-                let other = changed.start.partition_point(|&start| start <= at as usize) - 1;
-                row.push((changed.nodes[other], BlockSource::Mirror(at as usize)));
-            }
-            row.sort_unstable_by_key(|&(column, _)| column);
+        let most = self.largest().max(largest(&changed.values));
+        let shift = if most.is_finite() { exponent(most) } else { 0 };
+        let block_of = |at: u32, mirrored: bool| {
+            let values = &changed.values[at as usize * size..][..size];
+            StoredBlock { values, mirrored }
         };
         let parts = tasks::map(0..nodes.div_ceil(ROWS), |_, task| {
             let (mut counts, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
-            let mut row = Vec::new();
+            let mut row: Vec<(u32, StoredBlock<'_>)> = Vec::new();
             for i in task * ROWS..nodes.min((task + 1) * ROWS) {
-                sources(i, &mut row);
-                counts.push(narrow(row.len()));
-                for &(j, source) in &row {
-                    columns.push(j);
-                    for at in 0..size {
-                        let mirror = at % b * b + at / b;
-                        let value = match source {
-                            BlockSource::Old(block) => {
-                                single(self.values[block * size + at], self.exponent)
-                            }
-                            BlockSource::Changed(block) => {
-                                single(changed.values[block * size + at], 0)
-                            }
-                            BlockSource::Mirror(block) => {
-                                single(changed.values[block * size + mirror], 0)
-                            }
-                        };
-                        values.push(value);
+                row.clear();
+                if row_of[i] == ABSENT {
+                    row.extend(self.row(i).filter(|&(j, _)| row_of[j as usize] == ABSENT));
+                    for &at in &met[met_start[i] as usize..met_start[i + 1] as usize] {
+                        let other = changed.start.partition_point(|&start| start <= at as usize);
+                        row.push((changed.nodes[other - 1], block_of(at, true)));
                     }
+                    row.sort_unstable_by_key(|&(column, _)| column);
+                } else {
+                    let at = row_of[i] as usize;
+                    let all = changed.start[at]..changed.start[at + 1];
+                    row.extend(all.map(|at| (changed.column[at], block_of(narrow(at), false))));
+                }
+                counts.push(narrow(row.len()));
+                for &(j, block) in &row {
+                    columns.push(j);
+                    let entries = (0..size).map(|at| times_two_to(block.entry(at, b), -shift));
+                    values.extend(entries.map(f32::rounded));
                 }
             }
             (counts, columns, values)
@@ -169,14 +129,14 @@ impl BlockMatrix<f64> {
             values.extend(part);
         }
         values.resize(blocks * size + PADDING, 0.0);
-        let mut known = self.held.clone();
+        let mut known = self.held().to_vec();
         for &node in &changed.nodes {
             known[b * node as usize..b * (node as usize + 1)].fill(false);
         }
         let mut matrix = BlockMatrix {
             b,
-            start,
-            column,
+            start: Arc::new(start),
+            column: Arc::new(column),
             values,
             held: known,
             exponent: shift,
@@ -189,7 +149,7 @@ impl BlockMatrix<f64> {
     }
 }
 
-impl BlockMatrix<f32> {
+impl BlockMatrix {
     /// Gives variables without an unknown, which have no diagonal, the largest one of their node.
     pub(super) fn fill_diagonal(&mut self, node: usize) {
         let b = self.b;

@@ -1,4 +1,4 @@
-//! Changes of variables at some nodes, and the sizes of the terms of a product.
+//! Changes of variables at some nodes.
 
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS, cut};
 use crate::tasks;
@@ -6,7 +6,7 @@ use crate::tasks;
 /// A node that keeps its variables.
 const SAME: u32 = u32::MAX;
 
-impl BlockMatrix<f32> {
+impl BlockMatrix {
     /// Replaces `A` by `Tᵀ A T`. `T` is the identity but for a few nodes, each with its block,
     /// `b × b` by columns.
     ///
@@ -60,31 +60,5 @@ impl BlockMatrix<f32> {
         for node in (0..nodes).filter(|&node| which[node] != SAME) {
             self.fill_diagonal(node);
         }
-    }
-}
-
-impl BlockMatrix<f64> {
-    /// `y = |A| |x|`.
-    ///
-    /// # Panics
-    /// If `x` or `y` has not `b` entries for each node.
-    pub fn absolute_product(&self, x: &[f64], y: &mut [f64]) {
-        let b = self.b;
-        assert_eq!(x.len(), b * self.nodes());
-        assert_eq!(y.len(), x.len());
-        tasks::for_each(y.chunks_mut(b * ROWS), |task, y| {
-            for (k, y) in y.chunks_exact_mut(b).enumerate() {
-                y.fill(0.0);
-                for at in self.row(task * ROWS + k) {
-                    let first = b * self.column[at] as usize;
-                    let block = &self.values[at * b * b..(at + 1) * b * b];
-                    for (column, x) in block.chunks_exact(b).zip(&x[first..first + b]) {
-                        for (value, a) in y.iter_mut().zip(column) {
-                            *value += (a * x).abs();
-                        }
-                    }
-                }
-            }
-        });
     }
 }

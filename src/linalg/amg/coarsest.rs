@@ -32,7 +32,7 @@ impl Coarsest {
         }
     }
 
-    pub(super) fn new(matrix: &BlockMatrix<f32>, stop: &AtomicBool) -> Result<Self, Error> {
+    pub(super) fn new(matrix: &BlockMatrix, stop: &AtomicBool) -> Result<Self, Error> {
         let (b, n) = (matrix.b, matrix.b * matrix.nodes());
         let mut dense = vec![0.0; n * n];
         for shift in Self::SHIFTS {

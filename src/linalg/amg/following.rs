@@ -41,7 +41,7 @@ pub struct Following {
 #[derive(Debug)]
 enum Finest {
     /// Few unknowns, which the coarsest level has all.
-    Small(BlockMatrix<f32>),
+    Small(BlockMatrix),
     /// The level itself is with the others.
     Large(Box<Kept>),
 }
@@ -51,8 +51,8 @@ enum Finest {
 struct Kept {
     aggregates: Aggregates,
     tentative: Tentative,
-    /// The next matrix, with zeros for unknowns without a motion.
-    coarse: BlockMatrix<f32>,
+    /// The next matrix, with zeros for unknowns without a motion, while no level has it.
+    coarse: Option<BlockMatrix>,
 }
 
 impl Following {
@@ -65,7 +65,7 @@ impl Following {
     /// # Panics
     /// If an argument has another length.
     pub fn new(
-        mut matrix: BlockMatrix<f32>,
+        mut matrix: BlockMatrix,
         about: LevelNodes,
         nodes: Vec<u32>,
         settings: &CycleSettings,
@@ -93,7 +93,7 @@ impl Following {
             Finest::Large(Box::new(Kept {
                 aggregates,
                 tentative,
-                coarse,
+                coarse: Some(coarse),
             }))
         };
         Ok(Self {
@@ -143,7 +143,7 @@ impl Following {
             let spring = b * b * k..b * b * (k + 1);
             self.springs[spring.clone()].copy_from_slice(&springs[spring]);
         }
-        let write = |matrix: &mut BlockMatrix<f32>| {
+        let write = |matrix: &mut BlockMatrix| {
             for &k in &changed {
                 self.rows
                     .write(k, matrix, held, &springs[b * b * k..b * b * (k + 1)]);
@@ -157,14 +157,28 @@ impl Following {
             }
             Finest::Large(kept) => {
                 let mut levels = std::mem::take(&mut self.multigrid.levels);
-                levels.truncate(1);
+                let mut below = levels.drain(1..);
+                let mut coarse = match (kept.coarse.take(), below.next()) {
+                    (Some(coarse), _) => coarse,
+                    (None, Some(level)) => {
+                        let mut coarse = level.matrix;
+                        coarse.clear_dead(&kept.tentative.dead);
+                        coarse
+                    }
+                    (None, None) => return Err(failure("the second level is missing")),
+                };
+                drop(below);
                 let finest = levels
                     .first_mut()
                     .ok_or(failure("the finest level is missing"))?;
                 write(&mut finest.matrix);
                 let nodes: Vec<u32> = changed.iter().map(|&k| self.rows.nodes[k]).collect();
-                kept.follow(finest, &nodes, &self.about, &self.held, stop)?;
-                let mut coarse = kept.coarse.clone();
+                let reached = (&mut *finest, &mut coarse);
+                kept.follow(reached, &nodes, &self.about, &self.held, stop)?;
+                if coarse.b * coarse.nodes() <= tuning::dense_unknowns() {
+                    // A dense factor takes its place.
+                    kept.coarse = Some(coarse.clone());
+                }
                 coarse.replace_dead(&kept.tentative.dead);
                 let next = kept
                     .aggregates
@@ -194,7 +208,8 @@ impl Following {
         let finest = match &self.finest {
             Finest::Small(matrix) => matrix.bytes(),
             Finest::Large(kept) => {
-                kept.coarse.bytes() + kept.tentative.bytes() + kept.aggregates.bytes()
+                let coarse = kept.coarse.as_ref().map_or(0, BlockMatrix::bytes);
+                coarse + kept.tentative.bytes() + kept.aggregates.bytes()
             }
         };
         self.multigrid.bytes() + self.rows.bytes() + 8 * self.springs.len() + about + finest
@@ -205,7 +220,7 @@ impl Kept {
     /// Computes anew what depends on the rows of `nodes`, which the matrix has already.
     fn follow(
         &mut self,
-        finest: &mut Level,
+        (finest, next): (&mut Level, &mut BlockMatrix),
         nodes: &[u32],
         about: &LevelNodes,
         held: &[bool],
@@ -258,7 +273,7 @@ impl Kept {
                 coarse[g as usize] = true;
             }
         }
-        galerkin::update(&mut self.coarse, &finest.matrix, &finest.p, &coarse);
+        galerkin::update(next, &finest.matrix, &finest.p, &coarse);
         running(stop)
     }
 }
@@ -284,7 +299,7 @@ impl Reached {
     }
 
     /// Adds the neighbours of all nodes.
-    fn spread(&mut self, matrix: &BlockMatrix<f32>) {
+    fn spread(&mut self, matrix: &BlockMatrix) {
         for k in 0..self.list.len() {
             for at in matrix.row(self.list[k] as usize) {
                 self.add(matrix.column[at]);

@@ -1,5 +1,7 @@
 //! The matrix of the next level, `Pᵀ A P`, in two products.
 
+use std::sync::Arc;
+
 use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::prolongation::{Prolongation, choose_tasks};
@@ -25,7 +27,7 @@ macro_rules! with_sizes {
 pub(super) use with_sizes;
 
 /// `Pᵀ A P`, exactly symmetric.
-pub(super) fn galerkin(matrix: &BlockMatrix<f32>, p: &Prolongation) -> BlockMatrix<f32> {
+pub(super) fn galerkin(matrix: &BlockMatrix, p: &Prolongation) -> BlockMatrix {
     let product = times_prolongation(matrix, p, None);
     let upper = upper_triangle(p, &product, None);
     whole(&upper, p.m, matrix.exponent)
@@ -34,8 +36,8 @@ pub(super) fn galerkin(matrix: &BlockMatrix<f32>, p: &Prolongation) -> BlockMatr
 /// Computes the blocks of `coarse = Pᵀ A P` between `changed` coarse nodes anew, to the bits of
 /// [`galerkin`].
 pub(super) fn update(
-    coarse: &mut BlockMatrix<f32>,
-    matrix: &BlockMatrix<f32>,
+    coarse: &mut BlockMatrix,
+    matrix: &BlockMatrix,
     p: &Prolongation,
     changed: &[bool],
 ) {
@@ -85,11 +87,7 @@ struct Product {
 }
 
 /// The rows of `needed` nodes, or all; the others are empty.
-fn times_prolongation(
-    matrix: &BlockMatrix<f32>,
-    p: &Prolongation,
-    needed: Option<&[bool]>,
-) -> Product {
+fn times_prolongation(matrix: &BlockMatrix, p: &Prolongation, needed: Option<&[bool]>) -> Product {
     let skipped = |i: usize| needed.is_some_and(|needed| !needed[i]);
     let (nodes, size) = (matrix.nodes(), p.b * p.m);
     let mut start = vec![0; nodes + 1];
@@ -143,7 +141,7 @@ fn times_prolongation(
 }
 
 struct ProductRows<'a> {
-    matrix: &'a BlockMatrix<f32>,
+    matrix: &'a BlockMatrix,
     p: &'a Prolongation,
     needed: Option<&'a [bool]>,
     task: usize,
@@ -331,7 +329,7 @@ impl<const B: usize, const M: usize, const L: usize> WideWork for SizedCoarseRow
 }
 
 /// The whole matrix, with the lower blocks as mirror images of the upper ones.
-fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
+fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix {
     let (nodes, size) = (upper.counts.len(), m * m);
     let mut upper_start = vec![0_u32; nodes + 1];
     for (g, count) in upper.counts.iter().enumerate() {
@@ -383,8 +381,8 @@ fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
     });
     BlockMatrix {
         b: m,
-        start,
-        column,
+        start: Arc::new(start),
+        column: Arc::new(column),
         values,
         held: vec![false; nodes * m],
         exponent,

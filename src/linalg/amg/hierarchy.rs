@@ -42,7 +42,7 @@ pub(super) struct Made {
     pub(super) aggregates: Aggregates,
     pub(super) tentative: Tentative,
     /// `Pᵀ A P`, with zeros for unknowns without a motion.
-    pub(super) coarse: BlockMatrix<f32>,
+    pub(super) coarse: BlockMatrix,
 }
 
 /// Makes a level. The motions of `about` count as zero at `held` unknowns. `spectrum` is a bound
@@ -52,7 +52,7 @@ pub(super) struct Made {
 /// [`Error::Multigrid`] if a diagonal is not positive, a number leaves the range, or the nodes
 /// are not coupled; [`Error::Interrupted`] if `stop` is set.
 pub(super) fn level(
-    matrix: BlockMatrix<f32>,
+    matrix: BlockMatrix,
     about: &LevelNodes,
     held: &[bool],
     spectrum: Option<f64>,
@@ -110,7 +110,7 @@ impl Levels {
     /// As [`level`]; [`Error::Multigrid`] also if the levels do not become coarser, or the
     /// coarsest is not positive definite.
     pub(super) fn new(
-        mut matrix: BlockMatrix<f32>,
+        mut matrix: BlockMatrix,
         mut about: LevelNodes,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
@@ -134,7 +134,7 @@ impl Levels {
     }
 }
 
-impl BlockMatrix<f32> {
+impl BlockMatrix {
     /// Gives unknowns without a column of `T` the mean diagonal of their node: their rows and
     /// columns are zero.
     pub(super) fn replace_dead(&mut self, dead: &[bool]) {
@@ -150,6 +150,15 @@ impl BlockMatrix<f32> {
             for l in (0..b).filter(|&l| dead[l]) {
                 block[l * b + l] = if largest > 0.0 { largest } else { 1.0 };
             }
+        }
+    }
+
+    /// Undoes [`Self::replace_dead`].
+    pub(super) fn clear_dead(&mut self, dead: &[bool]) {
+        let size = self.b * self.b;
+        for (at, _) in dead.iter().enumerate().filter(|(_, dead)| **dead) {
+            let place = self.diagonal(at / self.b) * size + at % self.b * (self.b + 1);
+            self.values[place] = 0.0;
         }
     }
 }

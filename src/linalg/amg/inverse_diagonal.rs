@@ -7,7 +7,7 @@ use crate::linalg::real::Real;
 use crate::tasks;
 
 /// The inverse of each diagonal block, by columns; `None` if a diagonal is not positive.
-pub(super) fn inverse_diagonal(matrix: &BlockMatrix<f32>) -> Option<Vec<f32>> {
+pub(super) fn inverse_diagonal(matrix: &BlockMatrix) -> Option<Vec<f32>> {
     let b = matrix.b;
     let mut inverse = zeros(matrix.nodes() * b * b);
     let valid = tasks::map(inverse.chunks_mut(ROWS * b * b), |task, part| {
@@ -21,7 +21,7 @@ pub(super) fn inverse_diagonal(matrix: &BlockMatrix<f32>) -> Option<Vec<f32>> {
 }
 
 /// Writes the inverse of the diagonal block of a node; returns whether the diagonal is positive.
-pub(super) fn invert_node(matrix: &BlockMatrix<f32>, node: usize, inverse: &mut [f32]) -> bool {
+pub(super) fn invert_node(matrix: &BlockMatrix, node: usize, inverse: &mut [f32]) -> bool {
     let b = matrix.b;
     let mut block = [0.0; 36];
     for (to, from) in block.iter_mut().zip(matrix.diagonal_block(node)) {

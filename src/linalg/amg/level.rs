@@ -8,7 +8,7 @@ use crate::linalg::real::Real;
 /// A matrix, and the way to the next level.
 #[derive(Clone, Debug)]
 pub(super) struct Level {
-    pub(super) matrix: BlockMatrix<f32>,
+    pub(super) matrix: BlockMatrix,
     pub(super) inverse: Vec<f32>,
     /// Bound of the eigenvalues of `D⁻¹ A`.
     pub(super) spectrum: f64,
@@ -40,7 +40,7 @@ const BETA: [&[f64]; 4] = [
 
 impl Level {
     pub(super) fn new(
-        matrix: BlockMatrix<f32>,
+        matrix: BlockMatrix,
         inverse: Vec<f32>,
         spectrum: f64,
         p: Prolongation,

@@ -1,6 +1,6 @@
 //! Smoothed aggregation: an algebraic multigrid preconditioner for elasticity.
 //!
-//! [`BlockMatrix`](block_matrix::BlockMatrix) holds the stiffness by nodes,
+//! [`SymmetricBlocks`](symmetric_blocks::SymmetricBlocks) holds the stiffness by nodes,
 //! [`Nodes`](nodes::Nodes) its near-null vectors, which the caller gives; [`soft_motions`]
 //! completes them where no coordinates are known, and
 //! [`Multigrid`](multigrid::Multigrid) is the preconditioner. Set-up, level by level:
@@ -22,7 +22,6 @@ mod block_rows;
 pub mod changed_rows;
 mod changes;
 mod coarsest;
-mod connected;
 mod cycle;
 pub mod following;
 mod galerkin;
@@ -37,6 +36,7 @@ pub mod settings;
 mod slots;
 pub mod soft_motions;
 mod spectrum;
+pub mod symmetric_blocks;
 mod tentative;
 mod transfer;
 mod tuning;

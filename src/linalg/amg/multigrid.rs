@@ -18,7 +18,7 @@ use crate::linalg::power_of_two::{exponent, factors};
 use crate::linalg::real::Real;
 
 /// Checks the lengths of what a hierarchy is made of.
-pub(super) fn check_lengths(matrix: &BlockMatrix<f32>, about: &LevelNodes, held: &[bool]) {
+pub(super) fn check_lengths(matrix: &BlockMatrix, about: &LevelNodes, held: &[bool]) {
     let n = matrix.b * matrix.nodes();
     let m = if matrix.b == 2 { 3 } else { 6 };
     assert_eq!(held.len(), n);
@@ -51,7 +51,7 @@ impl Multigrid {
     /// # Panics
     /// If an argument has another length.
     pub fn new(
-        matrix: BlockMatrix<f32>,
+        matrix: BlockMatrix,
         about: LevelNodes,
         held: &[bool],
         settings: &CycleSettings,
@@ -142,7 +142,7 @@ impl Multigrid {
     /// not finite. It holds for every matrix that holds more unknowns, or adds positive
     /// semidefinite diagonal blocks: both restrict the Rayleigh quotient or move it towards one.
     #[must_use]
-    pub fn spectrum_of(matrix: &BlockMatrix<f32>) -> Option<f64> {
+    pub fn spectrum_of(matrix: &BlockMatrix) -> Option<f64> {
         let inverse = inverse_diagonal(matrix)?;
         bound(matrix, &inverse).filter(|bound| *bound > 0.0 && bound.is_finite())
     }

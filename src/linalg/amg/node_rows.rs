@@ -18,7 +18,7 @@ pub(super) struct NodeRows {
 }
 
 impl NodeRows {
-    pub(super) fn new(matrix: &BlockMatrix<f32>, nodes: Vec<u32>) -> Self {
+    pub(super) fn new(matrix: &BlockMatrix, nodes: Vec<u32>) -> Self {
         let (b, size) = (matrix.b, matrix.b * matrix.b);
         let mut among = vec![false; matrix.nodes()];
         for &i in &nodes {
@@ -58,13 +58,7 @@ impl NodeRows {
 
     /// Writes row `k` and its mirror image: with `spring`, by columns and in the units of the
     /// matrix, and with the diagonal alone at `held` unknowns.
-    pub(super) fn write(
-        &self,
-        k: usize,
-        matrix: &mut BlockMatrix<f32>,
-        held: &[bool],
-        spring: &[f64],
-    ) {
+    pub(super) fn write(&self, k: usize, matrix: &mut BlockMatrix, held: &[bool], spring: &[f64]) {
         let (b, size) = (matrix.b, matrix.b * matrix.b);
         let i = self.nodes[k] as usize;
         for (n, at) in (self.start[k]..self.start[k + 1]).zip(matrix.row(i)) {

@@ -123,7 +123,7 @@ pub(super) fn choose_tasks<T: Send>(
 
 /// What `P` is made of.
 pub(super) struct Smoothed<'a> {
-    pub(super) matrix: &'a BlockMatrix<f32>,
+    pub(super) matrix: &'a BlockMatrix,
     /// Inverses of the diagonal blocks.
     pub(super) inverse: &'a [f32],
     pub(super) aggregates: &'a Aggregates,
@@ -135,7 +135,7 @@ pub(super) struct Smoothed<'a> {
 }
 
 /// Start of each row of `P`: the aggregates of the neighbours of each node.
-fn starts(matrix: &BlockMatrix<f32>, aggregates: &Aggregates) -> Vec<u32> {
+fn starts(matrix: &BlockMatrix, aggregates: &Aggregates) -> Vec<u32> {
     let nodes = matrix.nodes();
     let mut start = vec![0; nodes + 1];
     tasks::for_each_with(

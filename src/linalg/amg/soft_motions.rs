@@ -11,6 +11,7 @@ use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::settings::CycleSettings;
+use crate::linalg::amg::symmetric_blocks::SymmetricBlocks;
 use crate::linalg::amg::tuning;
 use crate::linalg::conjugate_gradients;
 use crate::linalg::parallel::{axpy, largest, map, zero_where};
@@ -29,8 +30,8 @@ const SMALL: f64 = 1e-9;
 /// those of a body that is free to move.
 pub fn complete(
     about: &mut LevelNodes,
-    matrix: &BlockMatrix<f64>,
-    single: &BlockMatrix<f32>,
+    matrix: &SymmetricBlocks,
+    single: &BlockMatrix,
     settings: &CycleSettings,
     stop: &AtomicBool,
 ) -> Result<(), Error> {

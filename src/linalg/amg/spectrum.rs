@@ -9,7 +9,7 @@ use crate::linalg::real::Real;
 
 /// A bound of the largest eigenvalue, from the coefficients of conjugate gradients with the
 /// preconditioner `D`; `None` if the numbers leave the range.
-pub(super) fn bound(matrix: &BlockMatrix<f32>, inverse: &[f32]) -> Option<f64> {
+pub(super) fn bound(matrix: &BlockMatrix, inverse: &[f32]) -> Option<f64> {
     let n = matrix.b * matrix.nodes();
     let mut r: Vec<f32> = random_signs(n, 1).into_iter().map(f32::rounded).collect();
     let (mut z, mut d, mut q) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
