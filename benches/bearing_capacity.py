@@ -164,7 +164,7 @@ def bound_with_footing(structure):
     n = structure.n
     B = np.hstack([structure.matrix.toarray(), np.zeros((structure.gap.size, 1))])
     B[0::2, n] = 1.0
-    contacts = Contacts(B, structure.gap, structure.coefficients)
+    contacts = Contacts(B, structure.gap, structure.contacts.law.mu)
     whole = Structure([], [extend(structure.points[0])], contacts, structure.fixed)
     whole.weight[:n] = structure.weight
     load = np.zeros(n + 1)

@@ -22,7 +22,7 @@ from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike
 from bipot_rs._lib.validation import floats, integer, number
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
-from bipot_rs.theory.structure import Contacts, Structure
+from bipot_rs.theory.structure import Structure
 from bipot_rs.theory.structure_state import StructureState
 
 # Of each of the soils: flow, stress at the end and stress at the start, as of `points`.
@@ -69,6 +69,8 @@ class Functionals:
         weight of soils is part of the load.
     start
         State at the start of the step; default the unloaded bodies.
+    broken
+        Contacts without cohesion in the step, ``(n_c,)``; default none.
     slack
         Tolerance of constraints: of penetration relative to the largest displacement, of
         contact forces to the largest reaction, of balance on rigid motions to the loads.
@@ -96,6 +98,7 @@ class Functionals:
         prescribed: ArrayLike | None = None,
         *,
         start: StepStart | None = None,
+        broken: Bools | None = None,
         slack: float = 1e-9,
     ) -> None:
         if not isinstance(structure, Structure):
@@ -104,7 +107,8 @@ class Functionals:
         self._structure, self._shape = structure, shape
         self._stiffness, self._fixed = structure.K, fixed
         self._contact = structure.matrix
-        self._by, self._mu = structure.by, structure.law.mu
+        self._by = structure.by
+        self._law = structure.weaken(broken)
         self._slack = number("slack", slack)
         force = np.zeros(n) if load is None else floats("load", load, shape=(n,))
         moved = np.zeros(len(fixed))
@@ -150,6 +154,8 @@ class Functionals:
         offset[:, 1:] -= start.gap[:, 1:]
         moved = np.asarray(structure.matrix @ u0).reshape(structure.shape)
         offset[:, 0] += moved[:, 0]
+        if start.dilation is not None:
+            offset[:, 0] -= start.dilation
         carried = structure.K @ u0
         carried -= structure.matrix.T @ start.reaction.ravel()
         for group, stress in zip(structure.points, start.stress, strict=True):
@@ -158,7 +164,7 @@ class Functionals:
             reaction=start.reaction, displacement=u0, load=carried, offset=offset
         )
         end_values = end.displacement[structure.fixed]
-        return cls(structure, force, end_values, start=given)
+        return cls(structure, force, end_values, start=given, broken=end.broken)
 
     @classmethod
     def of_step(
@@ -208,22 +214,25 @@ class Functionals:
             )
         start = None
         if before is not None:
-            u0 = before.displacement
-            if increments:
-                start = StepStart(
-                    reaction=before.reaction, displacement=u0, load=before.load
-                )
-            else:
-                gap = structure.gap.copy()
-                moved = (structure.matrix @ u0).reshape(gap.shape)
-                gap[:, 1:] = -moved[:, 1:]
-                start = StepStart(
-                    reaction=np.zeros_like(before.reaction),
-                    displacement=np.zeros_like(u0),
-                    load=np.zeros_like(u0),
-                    offset=gap,
-                )
-        return cls(structure, step.load, step.prescribed, start=start, slack=slack)
+            u0, offset = before.displacement, structure.gap.copy()
+            moved = (structure.matrix @ u0).reshape(offset.shape)
+            offset[:, 1:] = -moved[:, 1:]
+            if before.dilation is not None:
+                offset[:, 0] -= before.dilation
+            start = StepStart(
+                reaction=before.reaction if increments else np.zeros(offset.shape),
+                displacement=u0 if increments else np.zeros_like(u0),
+                load=before.load if increments else np.zeros_like(u0),
+                offset=offset + moved if increments else offset,
+            )
+        return cls(
+            structure,
+            step.load,
+            step.prescribed,
+            start=start,
+            broken=step.broken,
+            slack=slack,
+        )
 
     def relative_displacement(self, du: ArrayLike) -> Floats:
         """``v = B du + offset``, ``(n_c, d)``: gap at the end and slip of the step."""
@@ -285,12 +294,12 @@ class Functionals:
     @cached_property
     def _elastic(self) -> ContactProblem:
         """The problem of the elastic bodies alone, whose factor is used."""
-        bodies, structure = self._bodies, self._structure
+        bodies = self._bodies
         return ContactProblem(
             self._stiffness[bodies][:, bodies],
             self._contact[:, bodies],
             gap=np.zeros(self._shape),
-            mu=structure.coefficients,
+            mu=0.0,
             fixed=np.searchsorted(bodies, np.intersect1d(self._fixed, bodies)),
             dim=self._shape[1],
         )
@@ -348,10 +357,10 @@ class Functionals:
         moved = self._relative(u)
         v, r = moved + self.offset, self._before + reaction
         at_start = self._before * moved + reaction * self.offset
-        finite = at_start.sum(axis=1) + self._mu * r[:, 0] * self._slip(v)
+        finite = at_start.sum(axis=1) + self._law.limit(r) * self._slip(v)
         size = self._reach + (abs(self._contact) @ np.abs(u)).max(initial=0.0)
         size += np.abs(self.offset).max(initial=0.0)
-        outside = v[:, 0] < -self._slack * size
+        outside = v[:, 0] < self._law.dilatancy * self._slip(v) - self._slack * size
         outside |= self._beyond(r)
         return np.where(outside, np.inf, finite)
 
@@ -401,7 +410,7 @@ class Functionals:
             return np.inf
         v = self._relative(u) + self.offset
         r = self._before + np.asarray(dr, np.float64)
-        friction = self._mu * r[:, 0] * self._slip(v)
+        friction = self._law.limit(r) * self._slip(v)
         total = self._energy(u - w) + float(np.sum(r * v) + friction.sum())
         for group, (flow, stress, start) in zip(
             self._structure.points, soils, strict=True
@@ -414,7 +423,7 @@ class Functionals:
         """``ΔΦ_b`` (68), which ``du`` minimises for given normal reactions of ``dr``.
 
         Infinite where ``du`` penetrates. ``ΔΦ_b + ΔΠ_b`` is not `bifunctional`, because both
-        terms contain friction, ``Σ μ r_n ‖v_t‖``.
+        terms contain friction, ``Σ (c + (μ - β) r_n) ‖v_t‖``.
         """
         reaction = floats("dr", dr, shape=self._shape)
         held = np.zeros_like(reaction)
@@ -462,7 +471,7 @@ class Functionals:
 
     def _friction(self, u: Floats, reaction: Floats) -> float:
         slip = self._slip(self._relative(u) + self.offset)
-        return float(np.sum(self._mu * (self._before + reaction)[:, 0] * slip))
+        return float(np.sum(self._law.limit(self._before + reaction) * slip))
 
     def _slip(self, v: Floats) -> Floats:
         # Scaled components: friction is isotropic in them.
@@ -473,7 +482,8 @@ class Functionals:
         force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
         shear = np.linalg.norm((r / self._by)[:, 1:], axis=1)
         slack = self._slack * force
-        limit = self._mu * np.maximum(r[:, 0], 0.0) + slack / self._by.min(axis=1)
+        limit = self._law.cohesion + self._law.mu * np.maximum(r[:, 0], 0.0)
+        limit += slack / self._by.min(axis=1)
         return np.asarray((r[:, 0] < -slack) | (shear > limit))
 
 
@@ -521,8 +531,4 @@ def of_problem(problem: ContactProblem, K: MatrixLike) -> Structure:
     """The elastic structure of a contact problem and its stiffness, which it does not keep."""
     if not isinstance(problem, ContactProblem):
         raise make_type_error("problem", problem, "a ContactProblem")
-    contacts = problem.contacts
-    arrays = Contacts(
-        contacts.operator.matrix, contacts.gap_by_component, contacts.law.mu
-    )
-    return Structure([K], (), arrays, problem.stiffness.options.fixed)
+    return Structure([K], (), problem.contacts, problem.stiffness.options.fixed)

@@ -6,11 +6,11 @@ satisfies at every plastic point and contact, in the notation of `points`,
     ``x_n >= μ‖x_t‖``,    ``v_n >= μ‖v_t‖``    with ``v = B d``.
 
 Stresses and reactions that satisfy the laws and balance the load have ``r·x >= -c‖x_t‖`` and
-``r·v >= 0``, so that ``f·d = ∫ (a x_n - r·x) dΩ - Σ r·v <= ∫ (a x_n + c‖x_t‖) dΩ``. So
-``f·d > ∫ (a x_n + c‖x_t‖) dΩ`` proves that no such stresses exist, whatever the flow. This is
-the limit of associated laws, an upper bound of all others. The limit of the associated laws
-with the cones of β, ``‖r_t‖ <= c + β r_n``, and of contacts without friction is a lower bound
-(Radenkovic): for flow without dilatancy and without cohesion that cone is an axis.
+``r·v >= -c‖v_t‖``: ``f·d = ∫ (a x_n - r·x) dΩ - Σ r·v <= ∫ (a x_n + c‖x_t‖) dΩ + Σ c‖v_t‖``.
+A larger ``f·d`` proves that no such stresses exist, whatever the flow. This is the limit of
+associated laws, an upper bound of all others. The limit of the associated laws with the cones
+of β, ``‖r_t‖ <= c + β r_n``, is a lower bound (Radenkovic), in which contacts, which may break,
+have no cohesion: without dilatancy and without cohesion that cone is an axis.
 """
 
 from __future__ import annotations
@@ -193,12 +193,13 @@ def _make_statics(
         cohesion.append(group.weights * group.law.cohesion)
         apex = group.weights[:, None] * group.rest
         borne += rows[-1].T @ apex.ravel()
-    contacts, d = structure.shape
-    slope = structure.law.mu if associated else np.zeros(contacts)
+    (contacts, d), law = structure.shape, structure.law
+    slope = law.mu if associated else law.dilatancy
     rows.append(structure.B @ motions)
     sizes.append(np.full(contacts, d))
     friction.append(np.repeat(slope, d))
-    cohesion.append(np.zeros(contacts))
+    # Contacts may break: the lower limit does without their cohesion.
+    cohesion.append(law.cohesion if associated else np.zeros(contacts))
     # Rows of unit length for each cone: neither units nor the sizes of cells matter.
     whole, counts = sparse.csr_array(sparse.vstack(rows)), np.concatenate(sizes)
     squares = whole.multiply(whole).sum(axis=1)

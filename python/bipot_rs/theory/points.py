@@ -118,6 +118,10 @@ class PointLaw:
         slides = (self.cohesion + self.mu * normal) * slip
         return np.asarray(opens + (slides + dot(stress[:, 1:], flow[:, 1:])))
 
+    def lift(self, flow: Floats) -> Floats:
+        """``β‖v_t‖``, the least normal flow."""
+        return np.asarray(self.dilatancy * length(flow[:, 1:]))
+
     def overload(self, stress: Floats) -> Floats:
         """``‖r_t‖ - c - μ r_n``, not positive for an admissible stress [Pa]."""
         return np.asarray(

@@ -1,7 +1,7 @@
 """Bodies and soils in frictional contact: the boundary-value problem (19)–(23) of [dSF91].
 
 A structure has elastic bodies, plastic points (`points`), such as those of soils, and
-contacts with Coulomb friction. The bipotential of the body β and that of the contacts b are
+contacts with friction. The bipotential of the body β and that of the contacts b are
 laws of one kind, ``‖r_t‖ <= c + μ r_n`` with their own numbers. For increments ``Δu`` of a
 step, (23) is
 
@@ -16,7 +16,7 @@ All is dense or factored as a whole: structures of some 20,000 degrees of freedo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -26,7 +26,7 @@ from scipy.sparse.linalg import splu
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import make_type_error, place
-from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import (
     csr,
     floats,
@@ -37,7 +37,8 @@ from bipot_rs._lib.validation import (
     one_of,
 )
 from bipot_rs._lib.validation import gap as gap_by_component
-from bipot_rs.contact.law.contact_law import ContactLaw
+from bipot_rs.contact.path.bond import Bond
+from bipot_rs.contact.path.contacts import Contacts as CheckedContacts
 from bipot_rs.fem.bodies.body import Body, Field
 from bipot_rs.fem.bodies.elasticity import dofs_of, stiffness
 from bipot_rs.theory.limit_load import refuse_step
@@ -52,7 +53,10 @@ Inelastic: TypeAlias = Soil | PlasticPoints
 
 
 class ContactArrays(Protocol):
-    """``B``, ``gap`` and ``mu``, as of a `fem.Assembly` or of `Contacts`."""
+    """``B``, ``gap`` and ``mu``, as of a `fem.Assembly` or of `Contacts`.
+
+    Also ``cohesion``, ``dilatancy`` and the places ``x``, if there are any.
+    """
 
     @property
     def B(self) -> MatrixLike:
@@ -77,13 +81,15 @@ class Contacts:
         ``(d n_c, n)``, rows normal first.
     gap
         ``(n_c,)``, or all components ``(n_c, d)`` [m].
-    mu
-        Friction coefficients.
+    mu, cohesion, dilatancy
+        Friction coefficients, c [N] and β.
     """
 
     B: MatrixLike
     gap: ArrayLike
     mu: ArrayLike
+    cohesion: ArrayLike | None = None
+    dilatancy: ArrayLike | None = None
 
 
 class Structure:
@@ -99,7 +105,6 @@ class Structure:
         of their own.
     contacts
         `Contacts`, a `fem.Assembly` of the bodies and of the bodies of the soils, or None.
-        Their law is Coulomb's: those with cohesion or dilatancy are refused.
     fixed
         Degrees of freedom with prescribed displacement. With the contacts they must stop all
         rigid motions. Degrees of freedom are numbered as by `fem.assemble`: body after
@@ -115,10 +120,10 @@ class Structure:
         Plastic points of each of the soils.
     first
         First degree of freedom of each body, then of each soil.
-    matrix, coefficients
-        B and the friction coefficients of the contacts.
+    contacts, matrix
+        The contacts, and their B.
     law
-        Law of the contacts, in components in which friction is Coulomb's.
+        Law of the contacts before any breaks, in components in which friction is isotropic.
     springs
         ρ of the augmented law of the contacts, ``(n_c,)`` [N/m].
     guided
@@ -134,7 +139,7 @@ class Structure:
         self,
         bodies: Sequence[Body | MatrixLike] = (),
         soils: Sequence[Inelastic] = (),
-        contacts: ContactArrays | None = None,
+        contacts: ContactArrays | CheckedContacts | None = None,
         fixed: ArrayLike = (),
     ) -> None:
         for what, parts in (("bodies", bodies), ("soils", soils)):
@@ -184,35 +189,36 @@ class Structure:
         self.elastic: CsrMatrix = sparse.csr_array(total)
         self._factor_elastic()
 
-    def _read_contacts(self, contacts: ContactArrays | None) -> None:
-        """B, gap and μ in the components in which friction is Coulomb's."""
-        if contacts is None:
-            contacts = Contacts(sparse.csr_array((0, self.n)), np.zeros((0, 2)), 0.0)
-        if not all(hasattr(contacts, name) for name in ("B", "gap", "mu")):
-            raise make_type_error("contacts", contacts, "Contacts or a fem.Assembly")
-        B, h = csr("B", contacts.B).matrix, floats("gap", contacts.gap)
-        count = h.shape[0] if h.ndim else 0
-        d = B.shape[0] // max(count, 1) or 2
-        if B.shape != (d * count, self.n) or d not in (2, 3):
-            raise ValueError(
-                f"B has shape {B.shape}, expected 2 or 3 rows for each of the {count} "
-                f"contacts of gap, and {self.n} columns"
+    def _read_contacts(self, given: ContactArrays | CheckedContacts | None) -> None:
+        """B, gap and law in the components in which friction is isotropic."""
+        if given is None:
+            given = Contacts(sparse.csr_array((0, self.n)), np.zeros((0, 2)), 0.0)
+        if not isinstance(given, CheckedContacts):
+            if not all(hasattr(given, name) for name in ("B", "gap", "mu")):
+                raise make_type_error("contacts", given, "Contacts or a fem.Assembly")
+            given = CheckedContacts.check(
+                csr("B", given.B),
+                gap=given.gap,
+                mu=given.mu,
+                cohesion=getattr(given, "cohesion", None),
+                dilatancy=getattr(given, "dilatancy", None),
+                points=getattr(given, "x", None),
             )
-        law = ContactLaw.check(
-            count,
-            d,
-            mu=contacts.mu,
-            cohesion=getattr(contacts, "cohesion", None),
-            dilatancy=getattr(contacts, "dilatancy", None),
-            ratio=np.inf,
-        )
-        law.require_coulomb("a contact of a Structure")
-        mu = law.mu
-        self.by, coulomb = _core.isotropic(mu, d)
-        self.law = PointLaw(coulomb, *np.zeros((2, count)))
+        B, law = given.operator.matrix, given.law
+        if B.shape[1] != self.n:
+            raise ValueError(f"B has {B.shape[1]} columns, expected {self.n}")
+        self.by, coulomb = _core.isotropic(law.mu, given.d)
+        zero = np.zeros(given.count)
+        beta, c = (zero if x is None else x for x in (law.dilatancy, law.cohesion))
+        self.law = PointLaw(coulomb, beta, c)
         self.B: CsrMatrix = sparse.csr_array(sparse.diags_array(self.by.ravel()) @ B)
-        self.gap = gap_by_component(contacts.gap, count, d)
-        self.matrix, self.coefficients = B, mu
+        self.contacts, self.matrix, self.gap = given, B, given.gap_by_component
+
+    def weaken(self, broken: Bools | None) -> PointLaw:
+        """Law of the contacts with the cohesion of those that are not broken."""
+        if broken is None:
+            return self.law
+        return replace(self.law, cohesion=np.where(broken, 0.0, self.law.cohesion))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -293,12 +299,14 @@ class Structure:
                 fields.append(soil.read_stress(value))
             else:
                 fields.append(floats("stress", value, shape=shape))
+        # The gap of an unloaded state has no tangential part.
+        gap = self.gap * (np.arange(self.shape[1]) == 0)
         start = StructureState(
             displacement=np.zeros(self.n),
             reaction=np.zeros(self.shape),
             stress=tuple(fields),
             plastic_strain=tuple(np.zeros_like(field) for field in fields),
-            gap=by_normal(self.gap),
+            gap=gap,
         )
         return self.check_state("start", start, admissible=True)
 
@@ -361,11 +369,26 @@ class Structure:
         if len(pairs) == 1:
             pairs = pairs * len(gaps)
         steps: list[StructureStep] = []
+        bond = replace(
+            Bond.begin(self.contacts, None),
+            broken=state.broken,
+            dilation=state.dilation,
+        )
         for (force, moved), at in zip(pairs, gaps, strict=True):
-            solver = StepSolver(self, state, force + self.weight, moved, at, tol)
-            state = solver.solve(method, most)
-            if not state.converged:
-                refuse_step(self, tuple(steps), state, tol)
+            # All that opened break together, and the step is solved again.
+            while True:
+                solver = StepSolver(
+                    self, state, force + self.weight, moved, at, tol, bond
+                )
+                step = solver.solve(method, most)
+                if not step.converged:
+                    refuse_step(self, tuple(steps), step, tol)
+                before, bond = bond, bond.break_opened(step)
+                if bond is before:
+                    break
+            dilation, _ = bond.lift(step)
+            bond = replace(bond, dilation=dilation)
+            state = replace(step, dilation=dilation)
             steps.append(state)
         return tuple(steps)
 
@@ -398,6 +421,16 @@ class Structure:
                 for group, value in zip(self.points, values, strict=True)
                 for width in (group.components.shape[1],)
             )
+        bond, contacts = Bond.begin(self.contacts, None), self.shape[:1]
+        broken, dilation = bond.broken, bond.dilation
+        if broken is not None and state.broken is not None:
+            broken = np.asarray(state.broken, np.bool_)
+            if broken.shape != contacts:
+                raise ValueError(
+                    f"broken of {what} has shape {broken.shape}, expected {contacts}"
+                )
+        if dilation is not None and state.dilation is not None:
+            dilation = floats(f"dilation of {what}", state.dilation, shape=contacts)
         if admissible:
             for group, value in zip(self.points, fields["stress"], strict=True):
                 _check_criterion(what, group, value)
@@ -409,6 +442,8 @@ class Structure:
             gap=floats(f"gap of {what}", state.gap, shape=self.shape),
             stress=fields["stress"],
             plastic_strain=fields["plastic_strain"],
+            broken=broken,
+            dilation=dilation,
         )
 
     def _check_supports(self) -> None:
@@ -441,13 +476,6 @@ class Structure:
 
     def _count_soils(self) -> int:
         return sum(isinstance(soil, Soil) for soil in self.soils)
-
-
-def by_normal(gap: Floats) -> Floats:
-    """The gap of an unloaded state, whose tangential part is zero."""
-    start = np.zeros_like(gap)
-    start[:, 0] = gap[:, 0]
-    return start
 
 
 def _count_columns(soils: tuple[Inelastic, ...]) -> int:

@@ -18,7 +18,7 @@ LACK_ACROSS = 1e-9
 class Assembled(Protocol):
     """The matrices and points of a `structure.Structure`, whose attributes these are.
 
-    ``B``, ``by`` and ``law`` are in the components in which friction is Coulomb's.
+    ``B``, ``by`` and ``law`` are in the components in which friction is isotropic.
     """
 
     n: int
@@ -37,6 +37,9 @@ class Assembled(Protocol):
     @property
     def shape(self) -> tuple[int, int]:
         """``(n_c, d)`` of the contacts."""
+
+    def weaken(self, broken: Bools | None) -> PointLaw:
+        """Law of the contacts with the cohesion of those that are not broken."""
 
     def solve_elastic(self, rest: Floats) -> Floats:
         """Displacement of the free degrees of freedom under forces on them."""
@@ -57,6 +60,9 @@ class StructureState:
         strain, ``(cells, points, 6)`` as of `soils.mandel`; ``(m, d)`` for `PlasticPoints`.
     gap
         Gaps of the step, ``(n_c, d)`` [m].
+    broken, dilation
+        Contacts that have lost their cohesion, and the opening at which their surfaces meet
+        [m], as of a `bp.ContactProblem`, ``(n_c,)``; None without cohesion, or dilatancy.
     """
 
     displacement: Floats
@@ -64,6 +70,8 @@ class StructureState:
     stress: tuple[Floats, ...]
     plastic_strain: tuple[Floats, ...]
     gap: Floats
+    broken: Bools | None = None
+    dilation: Floats | None = None
 
     __repr__ = short_repr
 
@@ -78,9 +86,14 @@ class StructureStep(StructureState):
         Total loads ``(n,)`` with the weights [N].
     support
         Forces of the supports, ``(len(fixed),)`` [N].
+    relative_displacement, slip
+        ``B u + gap`` of the contacts, ``(n_c, d)``, and their slip in the step [m].
+    opened
+        Contacts that are open by more than the tolerance, ``(n_c,)``.
     work
         Elastic energies, plastic work and work of the contacts in the step, each without its
-        sign [J]: the size that gaps and imbalance are relative to.
+        sign [J]: the size that gaps and imbalance are relative to. Not less than the energy
+        of the reactions in `Structure.springs`.
     gap_soil
         ``∫ [β - σ:ε] dΩ`` relative to ``work``: the part of B of the plastic points, whose
         stresses satisfy the criterion.
@@ -104,7 +117,7 @@ class StructureStep(StructureState):
         ``∫ Δσ:Δε dΩ`` of the step relative to the elastic one; 1 without flow. A negative
         one is apparent softening.
     associated
-        Whether no flow is dilatancy below friction, and no contact has friction.
+        Whether no flow and no contact has a dilatancy below its friction.
     iterations
         Iterations of all passes.
     history
@@ -113,6 +126,9 @@ class StructureStep(StructureState):
 
     load: Floats
     support: Floats
+    relative_displacement: Floats
+    slip: Floats
+    opened: Bools
     work: float
     gap_soil: float
     gap_contact: float

@@ -17,6 +17,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from bipot_rs._lib.types import CsrMatrix, Floats
+from bipot_rs.contact.path.bond import Bond
 from bipot_rs.theory.convex import dot, length
 from bipot_rs.theory.points import PlasticPoints, PointEnd, Rate
 from bipot_rs.theory.stability import critical_hardening, find_ellipticity
@@ -113,6 +114,8 @@ class StepSolver:
         Totals at its end: ``(n,)`` with the weight [N], ``(len(fixed),)`` and ``(n_c, d)`` [m].
     tol
         Largest gaps and imbalance.
+    bond
+        What is left of the cohesion of the contacts, and their dilation.
     """
 
     def __init__(
@@ -123,8 +126,10 @@ class StepSolver:
         prescribed: Floats,
         gap: Floats,
         tol: float,
+        bond: Bond,
     ) -> None:
         self.structure, self.start, self.tol = structure, start, tol
+        self.bond, self.law = bond, structure.weaken(bond.broken)
         self.load, self.gap = load, gap
         self.moved = prescribed - start.displacement[structure.fixed]
         self.stress0 = tuple(
@@ -135,6 +140,8 @@ class StepSolver:
         offset[:, 1:] -= start.gap[:, 1:]
         self.offset = structure.by * offset
         self.offset[:, 0] += self._relative(start.displacement)[:, 0]
+        if bond.dilation is not None:
+            self.offset[:, 0] -= bond.dilation
         self.rho = np.repeat(structure.springs[:, None], structure.shape[1], axis=1)
         # A slip that supports prescribe is at the limit, however short it is.
         self.rho[structure.guided, 1:] *= _GUIDED
@@ -231,7 +238,7 @@ class StepSolver:
                     group.law.limit(end.stress)
                     for group, end in zip(points, at.ends, strict=True)
                 ),
-                self.structure.law.limit(at.r),
+                self.law.limit(at.r),
             )
             frozen = self.evaluate(at.du, at.r, limits=limits)
             at, balanced = self._newton(
@@ -275,7 +282,7 @@ class StepSolver:
             for k, group in enumerate(structure.points)
         )
         tau = r - self.rho * self.find_displacement(du)
-        contact = structure.law.respond(
+        contact = self.law.respond(
             tau,
             self.rho[:, :2],
             frozen=None if limits is None else limits.contacts,
@@ -324,7 +331,8 @@ class StepSolver:
             self.structure.points, stresses, flows, strict=True
         ):
             total += float(group.weights @ group.work(flow, stress))
-        return total
+        # Where contacts hold all at rest, this is the size of the rounding of r·v.
+        return max(total, 0.5 * float(np.sum(r**2 / self.structure.springs[:, None])))
 
     def _newton(
         self,
@@ -410,7 +418,7 @@ class StepSolver:
             for group, end in zip(points, at.ends, strict=True)
         ]
         flows = [end.flow for end in at.ends]
-        r = self.structure.law.clip(at.r)
+        r = self.law.clip(at.r)
         work = self._work(at.du, stresses, flows, r)
         soil = sum(
             float(group.weights @ group.gap(group.strains(at.du), flow, stress, before))
@@ -439,6 +447,10 @@ class StepSolver:
             )
         )
         across = max(map(_find_lack_across, points, tensors, stresses), default=0.0)
+        v = self.find_displacement(at.du)
+        opening = structure.springs * (v[:, 0] - self.law.lift(v))
+        least = self.tol * np.hypot(np.linalg.norm(r), np.linalg.norm(self.rho * v))
+        total = self._relative(start.displacement + at.du) / structure.by
         return StructureStep(
             displacement=start.displacement + at.du,
             reaction=structure.by * r,
@@ -452,6 +464,11 @@ class StepSolver:
             ),
             load=self.load,
             support=(self.forces(at.du, stresses, r) - self.load)[structure.fixed],
+            relative_displacement=total + self.gap,
+            slip=(v / structure.by)[:, 1:],
+            opened=(at.r[:, 0] == at.lack[:, 0]) & (opening > least),
+            broken=self.bond.broken,
+            dilation=self.bond.dilation,
             work=work,
             gap_soil=gaps[0],
             gap_contact=gaps[1],
@@ -464,7 +481,7 @@ class StepSolver:
                 for group, before in zip(points, self.stress0, strict=True)
             ),
             second_order_work=self._find_second_order_work(at.du, stresses),
-            associated=structure.law.associated
+            associated=self.law.associated
             and all(group.law.associated for group in points),
             iterations=self.iterations,
             history=np.array([*history, gaps]),
@@ -473,9 +490,10 @@ class StepSolver:
     def _find_contact_gap(self, du: Floats, r: Floats) -> float:
         """``Σ [b(-v, r) + r·v]``, and the work and energy of penetrations [J]."""
         v = self.find_displacement(du)
-        into = np.maximum(-v[:, 0], 0.0)
-        v[:, 0] = np.maximum(v[:, 0], 0.0)
-        gap = self.structure.law.gap(v, r) + r[:, 0] * into
+        least = self.law.lift(v)
+        into = np.maximum(least - v[:, 0], 0.0)
+        v[:, 0] = np.maximum(v[:, 0], least)
+        gap = self.law.gap(v, r) + r[:, 0] * into
         return float(np.sum(gap + 0.5 * self.structure.springs * into**2))
 
     def _find_second_order_work(self, du: Floats, stresses: list[Floats]) -> float:

@@ -184,9 +184,16 @@ def draw_structure(seed: int) -> tuple[Structure, dict[str, Any]]:
     top = nodes_along(ground, at[:, 1] > height - 1e-9)
     mu, n = rng.choice([0.0, rng.uniform(0.1, 0.6)]), ground.points.size
     steps = np.sort(rng.uniform(0.002, 0.02, 2)) * height
+    # Cohesion and dilatancy in half of the structures each, some associated.
+    own = np.random.default_rng([38, seed])
+    numbers = {
+        "cohesion": own.choice([0.0, own.uniform(0.02, 0.5)]),
+        "dilatancy": mu * own.choice([0.0, 0.0, own.random(), 1.0]),
+    }
     if rng.random() < 0.5:
         gap = press_and_drag(len(top), steps, rng.uniform(-0.01, 0.01, 2))
-        contacts = Contacts(pressed_from_above(top, n), np.zeros(len(top)), mu)
+        B = pressed_from_above(top, n)
+        contacts = Contacts(B, np.zeros(len(top)), mu, **numbers)
         structure = Structure([], [soil], contacts, np.unique(np.concatenate(fixed)))
         return structure, {"gap": gap}
     # A block with nodes opposite those of the soil, moved from its top.
@@ -203,7 +210,7 @@ def draw_structure(seed: int) -> tuple[Structure, dict[str, Any]]:
     vertical = np.isin(dofs, 2 * above + 1)
     moved[:, vertical] = -steps[:, None]
     moved[:, np.isin(dofs, 2 * above)] = rng.uniform(-0.01, 0.01, (2, 1))
-    contacts = Contacts(B, np.zeros(len(top)), mu)
+    contacts = Contacts(B, np.zeros(len(top)), mu, **numbers)
     return Structure([block], [soil], contacts, dofs), {"prescribed": moved}
 
 
@@ -229,6 +236,74 @@ def test_three_methods_have_one_answer(seed: int) -> None:
             assert np.abs(other.stress[0] - step.stress[0]).max() < 1e-7 * scale[1]
         assert step.bifunctional <= 1e-14 * step.work
         assert max(step.gap_soil, step.gap_contact) <= 1e-14
+
+
+def draw_path(seed: int) -> tuple[Array, Array, dict[str, Array], Array]:
+    """K, B, the law and the loads of a path on which contacts break, slip and lift."""
+    rng = np.random.default_rng([53, seed])
+    d, count = rng.integers(2, 4), rng.integers(1, 6)
+    n = d * count + rng.integers(1, 6)
+    root = rng.normal(size=(n, n))
+    mu = rng.uniform(0.0, 0.6, count) * (rng.random(count) < 0.8)
+    law = {
+        "mu": mu,
+        "dilatancy": mu * rng.choice([0.0, 1.0, rng.random()], count),
+        "cohesion": rng.uniform(0.0, 2.0, count) * (rng.random(count) < 0.7),
+        "gap": rng.choice([0.0, 0.0, 0.2], count) * rng.random(count),
+    }
+    load = 2 * np.cumsum(rng.normal(size=(rng.integers(2, 6), n)), axis=0)
+    B = rng.normal(size=(d * count, n))
+    return root @ root.T + 0.3 * np.eye(n), B, law, load
+
+
+def test_contacts_break_and_lift_as_of_a_contact_problem() -> None:
+    seen = np.zeros(3, np.int64)
+    for seed in range(60):
+        K, B, law, load = draw_path(seed)
+        result = bp.ContactProblem(K, B, **law).solve(load, tol=1e-14)
+        steps = Structure([K], (), Contacts(B, **law)).solve(load, tol=1e-13)
+        # The rounding of both in u; that of the reactions is less.
+        near = 1e-12 * np.sqrt(np.linalg.cond(K))
+        for force, step, other in zip(load, steps, result, strict=True):
+            reach = np.abs(np.linalg.solve(K, force)).max()
+            scale = np.abs(force).max()
+            u, r = other.displacement, other.reaction
+            assert np.abs(step.displacement - u).max() < near * reach
+            assert np.abs(step.reaction - r).max() < near * scale
+            assert np.array_equal(step.broken, other.broken)
+            v, w = other.relative_displacement, step.relative_displacement
+            size = np.abs(B).sum(axis=1).max() * reach + law["gap"].max()
+            assert np.abs(w - v).max() < near * size
+            assert np.abs(step.slip - other.slip).max() < near * size
+            if other.dilation is not None:
+                assert np.abs(step.dilation - other.dilation).max() < near * size
+                seen[0] += (other.dilation > 0.01).sum()
+            assert step.gap_contact <= 1e-14
+        if other.broken is not None:
+            seen[1:] += other.broken.sum(), (~other.broken).sum()
+    assert (seen > 20).all()
+
+
+@pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
+def test_bifunctional_refuses_another_law_of_the_contacts(what: str) -> None:
+    """The answer of contacts with c and β, by their own law and by one without."""
+    shares = []
+    for seed in range(40):
+        K, B, law, load = draw_path(seed)
+        structure = Structure([K], (), Contacts(B, **law))
+        (step,) = structure.solve(load[:1], tol=1e-13)
+        start = structure.at_rest()
+        # A difference of energies, relative to that without contact.
+        size = step.work + load[0] @ np.linalg.solve(K, load[0])
+        own = measure_bifunctional(structure, start, step, load[0])
+        assert abs(own) < 1e-12 * size
+        # A reaction with cohesion may be outside of the other law: of infinite B.
+        law[what] = 0.5 * law[what]
+        other = Structure([K], (), Contacts(B, **law))
+        shares.append(measure_bifunctional(other, start, step, load[0]) / size)
+    # Not where all are open or stick inside both laws.
+    assert (np.array(shares) > 1e-3).sum() >= 10
+    assert min(shares) > -1e-12
 
 
 @pytest.mark.parametrize(("phi", "psi"), [(20.0, 20.0), (20.0, 0.0), (35.0, 5.0)])

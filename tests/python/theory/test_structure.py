@@ -546,18 +546,6 @@ def test_a_cell_without_volume_is_named(shape: str) -> None:
         theory.Soil(points, [np.arange(8)], E, NU, 30.0, 0.0, 1.0)
 
 
-@pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
-def test_contacts_of_another_law_are_refused(what: str) -> None:
-    """A law that is not solved would be answered as Coulomb's."""
-    grid = box([np.linspace(0.0, 1.0, 3)] * 2, "quadrilateral")
-    block = fem.Body("block", grid, fem.Material(E, NU))
-    glued: dict[str, Any] = {what: 0.2}
-    wall = fem.Contact("block", "bottom", 0.3, plane=((0, 0), (0, 1)), **glued)
-    model = fem.assemble([block], [wall], [fem.Support("block", "top", (0, 1))])
-    with pytest.raises(ValueError, match=f"Structure does not take {what}"):
-        theory.Structure([block], contacts=model, fixed=model.fixed)
-
-
 def test_a_tolerance_below_rounding_is_the_reason() -> None:
     """The stress across the plane is the intermediate one; it is not blamed."""
     body = body_of(mesh_of("quadrilateral"))

@@ -8,18 +8,34 @@ contact (section 9 of ``docs/theory.md``).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.results.solution import Step
 
 # Rounding of coordinates in mesh files, relative to the extent of the contacts.
 _ROUNDING = 1e-9
+
+
+class Touched(Protocol):
+    """What a bond reads of a step: attributes of `Step`."""
+
+    @property
+    def relative_displacement(self) -> Floats:
+        """``(n_c, d)``."""
+
+    @property
+    def slip(self) -> Floats:
+        """``(n_c, d - 1)``."""
+
+    @property
+    def opened(self) -> Bools | None:
+        """``(n_c,)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +106,12 @@ class Bond:
         total[:, 0] += self.dilation
         return replace(step, relative_displacement=total)
 
-    def break_opened(self, step: Step) -> Bond:
+    def break_opened(self, step: Touched) -> Bond:
         """The bond after the contacts that opened in a step break, itself if there are none."""
-        if self.broken is None:
+        if self.broken is None or step.opened is None:
             return self
         opening = step.relative_displacement[:, 0] - _or_zero(self.dilation)
-        opened = self._find_opened(step) & (opening > self.rounding)
+        opened = step.opened & (opening > self.rounding)
         if not (opened & ~self.broken).any():
             return self
         return replace(self, broken=self.broken | opened)
@@ -103,12 +119,18 @@ class Bond:
     def complete(self, step: Step, before: Bond) -> Step:
         """A step with what broke since ``before``, and with the dilation of its slip."""
         remarks = self._describe_breaking(before)
-        step = replace(step, broken=self.broken, remarks=remarks)
-        if self.dilation is None or self.law.dilatancy is None:
-            return replace(step, dilation=self.dilation)
+        dilation, lift = self.lift(step)
+        return replace(
+            step, broken=self.broken, remarks=remarks, dilation=dilation, lift=lift
+        )
+
+    def lift(self, step: Touched) -> tuple[Floats | None, Floats | None]:
+        """The dilation after a step, and the part of it from this step."""
+        if self.dilation is None or self.law.dilatancy is None or step.opened is None:
+            return self.dilation, None
         grown = self.law.dilatancy * np.linalg.norm(step.slip, axis=1)
-        lift = np.where(self._find_opened(step), 0.0, grown)
-        return replace(step, dilation=self.dilation + lift, lift=lift)
+        lift = np.where(step.opened, 0.0, grown)
+        return self.dilation + lift, lift
 
     def _describe_breaking(self, before: Bond) -> tuple[str, ...]:
         """A sentence about the contacts that broke since ``before``."""
@@ -120,12 +142,6 @@ class Bond:
         if len(new) == 1:
             return (f"{first} broke",)
         return (f"{count_noun(len(new), 'contact')} broke, first {first}",)
-
-    @staticmethod
-    def _find_opened(step: Step) -> Bools:
-        if step.opened is None:
-            return np.asarray(step.status == Status.OPEN)
-        return step.opened
 
 
 def _or_zero(values: Floats | None) -> Floats | float:
