@@ -56,14 +56,9 @@ def lazily(
 ) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Make ``__getattr__`` and ``__dir__`` of a package.
 
-    Parameters
-    ----------
-    package
-        ``__name__`` of the package.
-    names
-        Names that the package exports, by the absolute name of the module with them.
-    modules
-        Exported modules: name of the attribute, absolute name of the module.
+    ``package``: ``__name__`` of the package.
+    ``names``: names that the package exports, by the absolute name of the module with them.
+    ``modules``: exported modules: name of the attribute, absolute name of the module.
     """
     places = {name: module for module, exported in names.items() for name in exported}
     whole = dict(modules or {})

@@ -42,23 +42,14 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
 def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     """Read, mesh and assemble a scene, and find the cost of condensing it.
 
-    Returns
-    -------
-    dict
-        ``title``, sizes (``dofs``, ``prescribed``, ``contacts``, ``steps``, ``bodies``),
-        ``forecast`` with the counts of `ContactProblem`'s ``on_forecast`` and
-        ``seconds``, or with the memory of a rank of engine petsc, None where a body
-        floats; ``floating``, a message on motions that neither supports nor contact can
-        prevent, or on loads that contact cannot carry, or None; ``held_by_contact``,
-        names of bodies without support and spring; ``remarks``, a list of messages; and
-        ``lines`` for a terminal.
-
-    Raises
-    ------
-    SceneError
-        All mistakes of the scene.
-    MemoryError
-        The assembly does not fit into the free memory.
+    Returns ``title``, sizes (``dofs``, ``prescribed``, ``contacts``, ``steps``, ``bodies``),
+    ``forecast`` with the counts of `ContactProblem`'s ``on_forecast`` and ``seconds``, or with
+    the memory of a rank of engine petsc, None where a body floats; ``floating``, a message on
+    motions that neither supports nor contact can prevent, or on loads that contact cannot
+    carry, or None; ``held_by_contact``, names of bodies without support and spring;
+    ``remarks``, a list of messages; and ``lines`` for a terminal.
+    Raises `SceneError`: all mistakes of the scene.
+    Raises `MemoryError`: the assembly does not fit into the free memory.
     """
     from bipot_rs.cli.run import cost_forecast
     from bipot_rs.fem.checks.free_bodies import list_unsupported

@@ -65,12 +65,8 @@ def write(name: str, template: str) -> list[Path]:
 
     The mesh of a template is written next to the scene, under the same name.
 
-    Raises
-    ------
-    ValueError
-        There is no such template.
-    OSError
-        A file exists already, or cannot be written.
+    Raises `ValueError`: there is no such template.
+    Raises `OSError`: a file exists already, or cannot be written.
     """
     if template not in templates():
         raise ValueError(

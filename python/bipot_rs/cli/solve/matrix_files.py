@@ -134,20 +134,11 @@ def read(
 ) -> MatrixProblem:
     """Read the files.
 
-    Parameters
-    ----------
-    stiffness, contacts, nodes, load, fixed
-        The files.
-    order
-        One of `dof_order.ORDERS`, for a Matrix Market file; by default ``"node"``.
-
-    Raises
-    ------
-    OSError
-        A file cannot be read.
-    ValueError
-        A file is wrong, with the line; or the order of the degrees of freedom does not fit
-        the node list.
+    ``stiffness, contacts, nodes, load, fixed``: the files.
+    ``order``: one of `dof_order.ORDERS`, for a Matrix Market file; by default ``"node"``.
+    Raises `OSError`: a file cannot be read.
+    Raises `ValueError`: a file is wrong, with the line; or the order of the degrees of freedom
+    does not fit the node list.
     """
     if order is not None and order not in dof_order.ORDERS:
         expected = " or ".join(dof_order.ORDERS)

@@ -40,12 +40,8 @@ _FIRST, _THEN = "row", "outcome"
 def read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
     """Read the keys that were varied, and the rows.
 
-    Raises
-    ------
-    OSError
-        It cannot be read.
-    ValueError
-        It is not the table of a sweep, or damaged.
+    Raises `OSError`: it cannot be read.
+    Raises `ValueError`: it is not the table of a sweep, or damaged.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
