@@ -19,16 +19,17 @@ from bipot_rs._lib.types import Bools, Floats, Ints, PetscVec
 from bipot_rs.contact.law.status import Status
 from bipot_rs.petsc import tuning
 from bipot_rs.petsc.linear import options
-from bipot_rs.petsc.linear.preconditioner import Hierarchy
+from bipot_rs.petsc.linear.preconditioner import Hierarchy, Preconditioner
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
 from bipot_rs.petsc.operator import Operator, Springs
 
 
-class JoinedBodies:
+class JoinedBodies(Preconditioner):
     """A preconditioner for bodies that contacts join, as a shell of PETSc."""
 
     def __init__(self, operator: Operator, part: SymmetricPart, contact: Ints) -> None:
-        self._operator, self._part = operator, part
+        super().__init__(part)
+        self._operator = operator
         self._glued = np.zeros(len(operator.interface.dofs), bool)
         self._glued[contact] = True
         self._filter = _InterfaceFactor(operator, part)
@@ -70,12 +71,16 @@ class JoinedBodies:
         follow = self._slow or bool(loose > tuning.LOOSE_SHARE)
         if follow and (new or not self._follows):
             self._part.set_values(held, springs)
-            self._hierarchy.update()
+            self.update()
         elif not follow and self._follows is not False:
             self._part.set_values(held | self._glued, None)
-            self._hierarchy.update()
+            self.update()
         self._held = held if follow else held | self._glued
         self._follows = follow
+
+    def update(self) -> None:
+        """Make the hierarchy for the present values of ``P``."""
+        self._hierarchy.update()
 
     def apply(self, _pc: object, b: PetscVec, x: PetscVec, /) -> None:
         """``x ≈ P⁻¹ b``."""

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Integers, PetscVec
 from bipot_rs._lib.validation import csr, indices
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.law.contact_law import ContactLaw
+from bipot_rs.petsc.linear.preconditioner import Preconditioner
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
-from bipot_rs.petsc.operator import Springs
 from bipot_rs.petsc.own_rows import OwnRows
 
 
@@ -21,7 +20,7 @@ class NotFactoredError(Exception):
     """The core cannot factor the symmetric part; all ranks raise it."""
 
 
-class OneRankFactor:
+class OneRankFactor(Preconditioner):
     """``P⁻¹`` for the symmetric part ``P`` of a Newton step, as a shell of PETSc.
 
     The first rank holds all of ``P`` and its factor. A product takes one message from each
@@ -31,28 +30,17 @@ class OneRankFactor:
     name = "factor on the first rank"
 
     def __init__(self, part: SymmetricPart) -> None:
-        self._part = part
+        super().__init__(part)
         self._comm = part.P.comm.tompi4py()
         self._sizes = np.diff(part.P.getOwnershipRanges()).tolist()
         # Of the first rank.
         self._factor: _core.Condensed | None = None
 
-    def begin(self) -> None:
-        """Nothing is learned."""
-
-    def learn(self, iterations: int) -> None:
-        """Nothing is learned."""
-
-    def prepare(
-        self, tangent: _core.ContactTangent, _: NDArray[np.int8], *, new: bool
-    ) -> None:
-        """Factor the symmetric part with the held places and springs.
+    def update(self) -> None:
+        """Factor the symmetric part.
 
         Raises `NotFactoredError`: it cannot be factored.
         """
-        if not new:
-            return
-        self._part.set_values(tangent.held, Springs(tangent, self._part.d))
         rows = OwnRows.of(self._part.P)
         arrays = rows.pointer, rows.column, rows.values
         every = self._comm.gather(arrays, root=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,23 +15,27 @@ from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
 from bipot_rs.petsc.operator import Springs
 
 
-class Preconditioner(Protocol):
-    """What approximates ``P⁻¹``, for the statuses of a Newton step."""
+class Preconditioner:
+    """What approximates ``P⁻¹``, for the statuses of a Newton step; a shell of PETSc."""
 
-    # What it is, for people.
-    name: str
+    name: str  # what it is, for people
+
+    def __init__(self, part: SymmetricPart) -> None:
+        self._part = part
 
     def begin(self) -> None:
         """Forget what was learned in the load step before."""
 
     def prepare(
-        self,
-        tangent: _core.ContactTangent,
-        statuses: NDArray[np.int8],
-        *,
-        new: bool,
+        self, tangent: _core.ContactTangent, _: NDArray[np.int8], *, new: bool
     ) -> None:
         """Make it for these statuses; ``new`` says whether they have changed."""
+        if new:
+            self._part.set_values(tangent.held, Springs(tangent, self._part.d))
+            self.update()
+
+    def update(self) -> None:
+        """Make it for the present values of ``P``."""
 
     def apply(self, pc: object, b: PetscVec, x: PetscVec, /) -> None:
         """``x ≈ P⁻¹ b``; PETSc calls it."""
@@ -107,7 +110,7 @@ class Hierarchy:
         return float(np.max(np.real(solver.computeEigenvalues()), initial=0.0))
 
 
-class ChosenPreconditioner:
+class ChosenPreconditioner(Preconditioner):
     """A `Hierarchy` for the symmetric part, as a shell.
 
     Multigrid inside a solver of PETSc would use ``J`` in its smoother, which is slower and
@@ -115,7 +118,7 @@ class ChosenPreconditioner:
     """
 
     def __init__(self, part: SymmetricPart, prefix: str, PETSc: ModuleType) -> None:
-        self._part = part
+        super().__init__(part)
         self._inside = Hierarchy(part.P, prefix, PETSc)
         self.name = str(self._inside.pc.getType())
 
@@ -128,20 +131,10 @@ class ChosenPreconditioner:
         pc.setFromOptions()
         self.name = "cholesky (MUMPS)" if mumps else "cholesky"
 
-    def begin(self) -> None:
-        """Nothing is learned."""
-
-    def prepare(
-        self, tangent: _core.ContactTangent, _: NDArray[np.int8], *, new: bool
-    ) -> None:
-        """Make it for the held places and springs."""
-        if new:
-            self._part.set_values(tangent.held, Springs(tangent, self._part.d))
-            self._inside.update()
+    def update(self) -> None:
+        """Make it for the present values of ``P``."""
+        self._inside.update()
 
     def apply(self, _pc: object, b: PetscVec, x: PetscVec, /) -> None:
         """``x ≈ P⁻¹ b``."""
         self._inside.pc.apply(b, x)
-
-    def learn(self, iterations: int) -> None:
-        """Nothing is learned."""

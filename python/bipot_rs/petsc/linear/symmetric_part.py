@@ -109,13 +109,7 @@ class _Entries(NamedTuple):
 
     def select(self, wanted: Bools) -> _Entries:
         """Some of the entries."""
-        return _Entries(
-            self.row[wanted],
-            self.column[wanted],
-            self.values[wanted],
-            self.of_row[wanted],
-            self.of_column[wanted],
-        )
+        return _Entries(*(part[wanted] for part in self))  # type: ignore[arg-type]
 
 
 def _read_around(A: PetscMat, operator: Operator) -> _Entries:
