@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
+from typing import TypeVar
 
 import numpy as np
 from scipy.sparse import block_diag
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Communicator, CsrMatrix, Floats, Ints
+from bipot_rs._lib.types import AnyArray, Bools, Communicator, CsrMatrix, Floats, Ints
 from bipot_rs.contact.errors import NotIterativeError
 from bipot_rs.petsc.own_rows import OwnRows
+
+Array = TypeVar("Array", bound=AnyArray)
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ HoldingRows = tuple[Ints, Floats]
 
 def find_supported(comm: Communicator, count: int, prescribed: HoldingRows) -> Bools:
     """Whether a prescribed degree of freedom is coupled with each of ``count`` bodies."""
-    return _sum_up(comm, np.bincount(prescribed[0], minlength=count)) > 0
+    return _reduce_all(comm, np.bincount(prescribed[0], minlength=count)) > 0
 
 
 def check_holding(
@@ -61,12 +64,12 @@ def check_holding(
     m = bodies.motions.shape[1]
     body = np.repeat(bodies.of_node, d)
     holding = np.zeros((bodies.count, m, m))
-    nodes = _sum_up(comm, np.bincount(bodies.of_node, minlength=bodies.count))
+    nodes = _reduce_all(comm, np.bincount(bodies.of_node, minlength=bodies.count))
     # A body of one node cannot turn.
     holding[nodes == 1] = np.diag(np.arange(m) >= d)
     _hold(comm, holding, prescribed)
     moving = np.bincount(body[~bodies.fixed], minlength=bodies.count)
-    loose = (_sum_up(comm, moving) > 0) & ~_find_held(holding)
+    loose = (_reduce_all(comm, moving) > 0) & ~_find_held(holding)
     if loose.any():
         everywhere = np.column_stack([bring(column) for column in bodies.motions.T])
         wanted = np.flatnonzero(loose[body] & ~bodies.fixed)
@@ -92,12 +95,6 @@ def check_holding(
     if len(_core.free_motions(np.concatenate([by_others, rows_of_contacts]))):
         raise NotIterativeError("supports and contacts may leave a body free to move")
     return True
-
-
-def _sum_up(comm: Communicator, counts: Ints) -> Ints:
-    whole = np.empty_like(counts)
-    comm.Allreduce(counts, whole)
-    return whole
 
 
 def _hold(comm: Communicator, holding: Floats, found: HoldingRows) -> None:
@@ -135,18 +132,14 @@ def hold_by_prescribed(
     """The bodies that prescribed own rows are coupled with, and the motions there."""
     of_dof = np.where(bodies.fixed, -1, np.repeat(bodies.of_node, d))
     everywhere = bring(of_dof.astype(float)).astype(np.int64)
-    row, entry = _entries(rows, np.flatnonzero(bodies.fixed))
+    fixed = np.flatnonzero(bodies.fixed)
+    counts = np.diff(rows.pointer)[fixed]
+    first = np.repeat(rows.pointer[fixed] - np.cumsum(counts) + counts, counts)
+    row, entry = np.repeat(fixed, counts), first + np.arange(counts.sum())
     body = everywhere[local[entry]]
     meets = (rows.values[entry] != 0) & (body >= 0)
     pairs = np.unique(np.column_stack([body[meets], row[meets]]), axis=0)
     return pairs[:, 0].copy(), bodies.motions[pairs[:, 1]]
-
-
-def _entries(rows: OwnRows, wanted: Ints) -> tuple[Ints, Ints]:
-    """Row and number of each entry of some rows."""
-    counts = np.diff(rows.pointer)[wanted]
-    first = np.repeat(rows.pointer[wanted] - np.cumsum(counts) + counts, counts)
-    return np.repeat(wanted, counts), first + np.arange(counts.sum())
 
 
 # Rows of K that are looked at together: copies of more entries would take as much memory as K.
@@ -200,9 +193,7 @@ def find_bodies(
     joined = _join(np.arange(starts[-1]), mine_meet, theirs_meet, starts[-1])
     body_of_row = joined[mine[:own_nodes]]
     # Bodies are numbered in the order of their first nodes.
-    used = np.concatenate(comm.allgather(_list_in_order(body_of_row)))
-    _, at = np.unique(used, return_index=True)
-    order = used[np.sort(at)]
+    order = _list_in_order(np.concatenate(comm.allgather(_list_in_order(body_of_row))))
     number = np.full(starts[-1] + 1, -1)
     number[order] = np.arange(len(order))
     return number[body_of_row], len(order)
@@ -232,7 +223,7 @@ def rigid_motions(
     low, high = np.full(d, np.inf), np.full(d, -np.inf)
     if rows:
         low, high = coordinates.min(axis=0), coordinates.max(axis=0)
-    low, high = _reduce_all(comm, low, MPI.MIN), _reduce_all(comm, high, MPI.MAX)
+    low, high = _reduce_all(comm, low, op=MPI.MIN), _reduce_all(comm, high, op=MPI.MAX)
     arm = np.zeros((rows, 3))
     arm[:, :d] = coordinates - (0.5 * low + 0.5 * high)
     direction = np.arange(rows, dtype=np.int64) % d
@@ -240,9 +231,9 @@ def rigid_motions(
     return _core.rigid_motions(direction, arm, d, reach)
 
 
-def _reduce_all(comm: Communicator, values: Floats, operation: object) -> Floats:
+def _reduce_all(comm: Communicator, values: Array, **operation: object) -> Array:
     whole = np.empty_like(values)
-    comm.Allreduce(values, whole, op=operation)
+    comm.Allreduce(values, whole, **operation)
     return whole
 
 
@@ -252,8 +243,7 @@ def orthonormal(comm: Communicator, vectors: Floats) -> Floats:
     ``vectors``: the own rows, ``(rows, m)``.
     """
     for _ in range(2):  # the second time for the digits that the first one loses
-        whole = np.empty((vectors.shape[1],) * 2)
-        comm.Allreduce(vectors.T @ vectors, whole)
+        whole = _reduce_all(comm, vectors.T @ vectors)
         size, turn = np.linalg.eigh(whole)
         kept = size > 1e-12 * size.max(initial=0.0)
         vectors = vectors @ (turn[:, kept] / np.sqrt(size[kept]))

@@ -33,9 +33,8 @@ from bipot_rs.contact.sensitivity.model import (
     PathModel,
     check_changes,
     check_cotangent,
-    reshape_gap_gradient,
 )
-from bipot_rs.contact.sensitivity.response import sum_work
+from bipot_rs.contact.sensitivity.response import PathResponse, sum_work
 from bipot_rs.contact.sensitivity.tangent import Forward
 from bipot_rs.petsc.agreement import check_same, do_together
 from bipot_rs.petsc.engine import PetscEngine
@@ -51,14 +50,12 @@ _WANTED = 1e-12
 _ENOUGH = 1e-11
 
 
-class DistributedResponse:
+class DistributedResponse(PathResponse):
     """The response of distributed bodies: the unknowns are the displacements of the own rows.
 
     ``motions``: number of own rows.
     ``diagonal (n_c, d)``: estimate of the diagonal of W.
     """
-
-    whole = True
 
     def __init__(self, engine: PetscEngine) -> None:
         self._engine, self._operator = engine, engine.operator
@@ -242,18 +239,8 @@ class DistributedDerivatives:
                 along = replace(along, load=whole)
             forward = Forward(path, along, None)
 
-            def recover() -> list[PetscVec]:
-                return [
-                    operator.make_vector(rows_of_steps)
-                    for rows_of_steps in forward.displacement()
-                ]
-
-            return Tangent(
-                forward.reaction,
-                forward.relative_displacement,
-                forward.slip,
-                path.one_sided,
-                recover,  # type: ignore[arg-type]
+            return forward.tangent(
+                lambda: [operator.make_vector(u) for u in forward.displacement()]  # type: ignore[arg-type, return-value]
             )
 
         return self._linearise(result, derive)
@@ -278,17 +265,10 @@ class DistributedDerivatives:
             r, u, v, slip = do_together(comm, check)
             check_same(comm, reaction=r, relative_displacement=v, slip=slip)
             backward = Backward(result, path, r, u, v, slip)
-            return Gradient(
-                result,
-                reshape_gap_gradient(self.model, backward.gap_by_component),
-                backward.gap_by_component,
-                backward.mu,
-                path.one_sided,
-                _DistributedAdjoint(  # type: ignore[arg-type]
-                    self.engine.operator, self.model, result, backward, u
-                ),
-                backward.rest,
+            adjoint = _DistributedAdjoint(
+                self.engine.operator, self.model, result, backward, u
             )
+            return backward.gradient(adjoint)  # type: ignore[arg-type]
 
         return self._linearise(result, derive)
 

@@ -114,7 +114,7 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
 
 def _check_diagonal(K: PetscMat) -> None:
     first, _ = K.getOwnershipRange()
-    wrong = own_rows.negative_diagonal(K)
+    wrong = K.getDiagonal().array_r < 0
     if wrong.any():
         row = first + int(np.argmax(wrong))
         raise ValueError(

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import numpy as np
 
-from bipot_rs._lib.types import Bools, Communicator, Floats, Integers, Ints, PetscMat
+from bipot_rs._lib.types import Communicator, Floats, Integers, Ints, PetscMat
 
 # As `_core`: pairs of K that differ by less are equal up to rounding.
 ASYMMETRY = 1e-10
@@ -110,9 +110,3 @@ def check_symmetry(K: PetscMat, comm: Communicator) -> None:
             f"stiffness K is not symmetric at row {row}: entries of the row and of the "
             f"column differ by {most:.1e} of the diagonal"
         )
-
-
-def negative_diagonal(K: PetscMat) -> Bools:
-    """Own rows whose diagonal is negative."""
-    negative: Bools = K.getDiagonal().array_r < 0
-    return negative

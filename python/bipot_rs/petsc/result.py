@@ -7,11 +7,8 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
-from numpy.typing import ArrayLike
-
-from bipot_rs._lib.types import Communicator, Floats, PetscMat, PetscVec, Vectors
+from bipot_rs._lib.types import Communicator, Floats, PetscVec
 from bipot_rs.contact.results import result, solution
-from bipot_rs.contact.results.derivatives import Gradient, Tangent
 from bipot_rs.contact.results.result import Result as WholeResult
 from bipot_rs.petsc.agreement import do_together
 
@@ -54,7 +51,14 @@ class Step(solution.Step):
 
 
 class Result(result.Result):
-    """The steps of a load path; arrays of contacts are whole on every rank."""
+    """The steps of a load path; arrays of contacts are whole on every rank.
+
+    `jvp` and `vjp` are those of `bipot_rs.Result`, which all ranks call with the same arrays
+    of contacts: ``load`` and the cotangent of ``displacement`` are a Vec or a list of them,
+    ``K`` a symmetric Mat with the layout of K. Of what they return, ``displacement`` and
+    ``load`` are lists of Vecs, and ``K`` is a Mat. They raise `NotConvergedError` if the linear
+    solver does not reach the accuracy of derivatives.
+    """
 
     def __init__(
         self, *steps: Any, comm: Communicator | None = None, **keywords: Any
@@ -92,79 +96,6 @@ class Result(result.Result):
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the contacts as a PVD series for ParaView; all ranks call it."""
         self._write_once(lambda: self._make_whole().write(path))
-
-    def jvp(  # type: ignore[override]
-        self,
-        load: Vectors | None = None,
-        prescribed: ArrayLike | None = None,
-        gap: ArrayLike | None = None,
-        mu: ArrayLike | None = None,
-        K: PetscMat | None = None,
-        *,
-        cohesion: ArrayLike | None = None,
-        dilatancy: ArrayLike | None = None,
-    ) -> Tangent:
-        """Directional derivative, as `bipot_rs.Result.jvp`. All ranks call it.
-
-        Parameters
-        ----------
-        load
-            A Vec or a list of them.
-        prescribed, gap, mu, cohesion, dilatancy
-            As in `bipot_rs.Result.jvp`, the same on every rank.
-        K
-            A symmetric Mat with the layout of K.
-
-        Returns
-        -------
-        Tangent
-            ``displacement`` is a list of Vecs; all ranks read it.
-
-        Raises
-        ------
-        NotConvergedError
-            The linear solver does not converge to the accuracy of derivatives.
-        TypeError, ValueError, NotDifferentiableError
-            As `bipot_rs.Result.jvp`.
-        """
-        return super().jvp(
-            load,  # type: ignore[arg-type]
-            prescribed,
-            gap,
-            mu,
-            K=K,  # type: ignore[arg-type]
-            cohesion=cohesion,
-            dilatancy=dilatancy,
-        )
-
-    def vjp(  # type: ignore[override]
-        self,
-        reaction: ArrayLike | None = None,
-        displacement: Vectors | None = None,
-        relative_displacement: ArrayLike | None = None,
-        slip: ArrayLike | None = None,
-    ) -> Gradient:
-        """Gradient, as `bipot_rs.Result.vjp`. All ranks call it.
-
-        Parameters
-        ----------
-        displacement
-            A Vec for each step, the cotangent of `displacement`.
-        reaction, relative_displacement, slip
-            As in `bipot_rs.Result.vjp`, the same on every rank.
-
-        Returns
-        -------
-        Gradient
-            ``load`` is a list of Vecs and ``K`` a Mat with the layout and pattern of K; all
-            ranks read them, and ``prescribed``.
-
-        Raises
-        ------
-        NotConvergedError, TypeError, ValueError, NotDifferentiableError
-            As `jvp`.
-        """
-        return super().vjp(reaction, displacement, relative_displacement, slip)  # type: ignore[arg-type]
 
     def _make_whole(self) -> WholeResult:
         return WholeResult(

@@ -7,16 +7,14 @@ has the displacements among its unknowns, and nothing of it is factored.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
-from bipot_rs.contact.results.solution import Step
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact.sensitivity.laws import Laws
-from bipot_rs.contact.sensitivity.response import make_matrix, measure_work
+from bipot_rs.contact.sensitivity.response import PathResponse, make_matrix
 
 
 class Stalled(Exception):
@@ -50,14 +48,12 @@ class KrylovSystem:
         return solution
 
 
-class DisplacementResponse:
+class DisplacementResponse(PathResponse):
     """The response of bodies that the iterative engine solved.
 
     ``motions``: number of unknown displacements, which are the length of ``da``.
     ``diagonal (n_c, d)``: estimate of the diagonal of W.
     """
-
-    whole = True
 
     def __init__(self, core: _core.Primal) -> None:
         self._core = _core.PrimalTangent(core)
@@ -97,7 +93,3 @@ class DisplacementResponse:
             for _, moved, _, y in states
         ]
         return np.stack(by_step)
-
-    def measure_work(self, steps: Sequence[Step], fixed: Ints) -> Iterator[float]:
-        """As `PathResponse`."""
-        return measure_work(self.stiffness(), steps, fixed)

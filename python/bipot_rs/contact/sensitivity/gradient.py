@@ -9,7 +9,7 @@ import numpy as np
 
 from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs.contact import tuning
-from bipot_rs.contact.results.derivatives import Cotangents, Gradient
+from bipot_rs.contact.results.derivatives import Adjoint, Cotangents, Gradient
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import check_cotangent, reshape_gap_gradient
 
@@ -40,24 +40,16 @@ class Backward:
         self.mu = np.zeros_like(path.mu)
         # By cohesion and dilatancy.
         self.rest = np.zeros((shape[0], 2))
-        self._go_backward(
-            np.zeros((steps, *shape)) if reaction is None else reaction,
-            relative_displacement,
-            slip,
-        )
-
-    def _go_backward(
-        self, reaction: Floats, moved: Floats | None, slip: Floats | None
-    ) -> None:
-        path = self._path
+        r = np.zeros((steps, *shape)) if reaction is None else reaction
+        moved = relative_displacement
         # Cotangent of the tangential displacement that the step after this one starts from.
-        carried = np.zeros((path.shape[0], path.shape[1] - 1))
+        carried = np.zeros((shape[0], shape[1] - 1))
         # Cotangent of the opening to which this step has lifted the contacts.
-        lifted = np.zeros(path.shape[0])
+        lifted = np.zeros(shape[0])
         # With two coefficients there is neither cohesion nor dilatancy.
         one = path.mu.ndim == 1
-        for k in reversed(range(len(path.steps))):
-            v = np.zeros(path.shape) if moved is None else moved[k].copy()
+        for k in reversed(range(steps)):
+            v = np.zeros(shape) if moved is None else moved[k].copy()
             v[:, 1:] += carried
             slope, length = path.dilation[k]
             of_slip = slope * lifted[:, None]
@@ -67,7 +59,7 @@ class Backward:
             v[:, 1:] += of_slip
             system = path.linear(k).adjoint()
             q, e = self._find_free_part(k, v)
-            w, b = system.solve_transposed(reaction[k] + q, e)
+            w, b = system.solve_transposed(r[k] + q, e)
             # Cᵀ w, the adjoint force of the laws.
             pulled, rubbed = system.laws.adjoint(w, self.mu)
             self.gap_by_component[k] = v - pulled
@@ -147,6 +139,18 @@ class Backward:
         K: CsrMatrix = self._path.response.stiffness()
         return K
 
+    def gradient(self, adjoint: Adjoint | None = None) -> Gradient:
+        """The derivatives; ``adjoint`` computes those on first use in place of this."""
+        return Gradient(
+            self._result,
+            reshape_gap_gradient(self._path.model, self.gap_by_component),
+            self.gap_by_component,
+            self.mu,
+            self._path.one_sided,
+            adjoint or self,
+            self.rest,
+        )
+
 
 def find_gradient(path: LinearPath, result: Result, given: Cotangents) -> Gradient:
     """`Result.vjp`."""
@@ -158,20 +162,11 @@ def find_gradient(path: LinearPath, result: Result, given: Cotangents) -> Gradie
             "displacement has a cotangent, but the problem was made with loads= and has no "
             "factor of K: make it without loads="
         )
-    backward = Backward(
+    return Backward(
         result,
         path,
         check_cotangent("reaction", given.reaction, stacked),
         None if u is None else path.model.forces(u),
         check_cotangent("relative_displacement", given.relative_displacement, stacked),
         check_cotangent("slip", given.slip, (steps, contacts, d - 1)),
-    )
-    return Gradient(
-        result,
-        reshape_gap_gradient(path.model, backward.gap_by_component),
-        backward.gap_by_component,
-        backward.mu,
-        path.one_sided,
-        backward,
-        backward.rest,
-    )
+    ).gradient()

@@ -131,11 +131,8 @@ def linearise_laws(point: Point, side: Ints, direction: Floats, movable: Bools) 
     at = contacts[slides]
     rough, coulomb = point.friction[at, 0] > 0, point.is_coulomb[at]
     parts = (by_r, by_v, by_mu)
-    for some, law in (
-        (coulomb & rough, _linearise_sliding),
-        (coulomb & ~rough, _linearise_frictionless),
-        (~coulomb, _linearise_limit),
-    ):
+    smooth = coulomb & ~rough
+    for some, law in ((~smooth, _linearise_sliding), (smooth, _linearise_frictionless)):
         rows = np.flatnonzero(slides)[some]
         for part, value in zip(parts, law(point, at[some], direction), strict=True):
             part[rows, 1:] = value
@@ -173,45 +170,29 @@ def _add_rest(
     by_rest[slides, 1:, 0] = -of_tangents
 
 
-def _linearise_limit(
-    point: Point, at: Ints, direction: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Tangential rows of sliding contacts with cohesion or dilatancy."""
-    r_n, s, mu = point.reaction[at, 0], point.slip[at], point.friction[at, 0]
-    p = direction[at]
-    m, tangents_of = p.shape
-    by_r = np.zeros((m, tangents_of, tangents_of + 1))
-    by_v, by_mu = np.zeros_like(by_r), np.zeros((m, tangents_of, tangents_of))
-    by_r[:, 0, 0] = mu
-    by_r[:, 0, 1:] = p
-    # A change of μ is one of both coefficients, of which each has its share.
-    by_mu[:, 0] = -r_n[:, None] * p * p
-    if tangents_of == 2:
-        across = np.stack([-p[:, 1], p[:, 0]], axis=1)
-        limit = point.limit[0][at] + mu * r_n
-        by_r[:, 1, 1:] = _measure_length(s)[:, None] * across
-        by_v[:, 1, 1:] = limit[:, None] * across
-    return by_r, by_v, by_mu
-
-
 def _linearise_sliding(
     point: Point, at: Ints, direction: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Tangential rows of sliding contacts with friction."""
-    r_n, s, D = point.reaction[at, 0], point.slip[at], point.friction[at]
-    p = direction[at]
+    """Tangential rows of sliding contacts with friction, cohesion or dilatancy."""
+    coulomb, mu = point.is_coulomb[at], point.friction[at, 0]
+    r_n, s, p = point.reaction[at, 0], point.slip[at], direction[at]
+    # With cohesion or dilatancy the rows are those of r_t itself, else those of ρ.
+    D = np.where(coulomb[:, None], point.friction[at], 1.0)
+    limit = np.where(coulomb, r_n, point.limit[0][at] + mu * r_n)
     m, tangents_of = p.shape
     by_r = np.zeros((m, tangents_of, tangents_of + 1))
     by_v, by_mu = np.zeros_like(by_r), np.zeros((m, tangents_of, tangents_of))
-    by_r[:, 0, 0] = 1.0
+    by_r[:, 0, 0] = np.where(coulomb, 1.0, mu)
     by_r[:, 0, 1:] = p / D
+    # A change of μ is one of both coefficients, of which each has its share.
     by_mu[:, 0] = -r_n[:, None] * p * p / D
     if tangents_of == 2:
         across = np.stack([-p[:, 1], p[:, 0]], axis=1)
         far = _measure_length(D * s)
         by_r[:, 1, 1:] = far[:, None] * across / D
-        by_v[:, 1, 1:] = r_n[:, None] * across * D
-        by_mu[:, 1] = -r_n[:, None] * across * (far[:, None] * p / D + s)
+        by_v[:, 1, 1:] = limit[:, None] * across * D
+        turned = -r_n[:, None] * across * (far[:, None] * p / D + s)
+        by_mu[:, 1] = np.where(coulomb[:, None], turned, 0.0)
     return by_r, by_v, by_mu
 
 

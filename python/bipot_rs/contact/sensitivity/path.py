@@ -61,20 +61,15 @@ class Differentiable:
         try:
             derivative = derive(path)
         except Stalled:
-            path = self._linearise_directly(result)
+            try:
+                path = LinearPath(
+                    self.model, result.steps, result.contacts, iterative=False
+                )
+            except MemoryError as error:
+                raise MemoryError(
+                    "the linear solver of the iterative engine does not converge for the "
+                    f"derivatives, and {error}"
+                ) from error
             derivative = derive(path)
         self.linearised = path if path.kept else None
         return derivative
-
-    def _linearise_directly(self, result: Result) -> LinearPath:
-        from bipot_rs.contact.sensitivity.linear_path import LinearPath
-
-        try:
-            return LinearPath(
-                self.model, result.steps, result.contacts, iterative=False
-            )
-        except MemoryError as error:
-            raise MemoryError(
-                "the linear solver of the iterative engine does not converge for the "
-                f"derivatives, and {error}"
-            ) from error

@@ -55,7 +55,8 @@ class PathResponse(ContactResponse, Protocol):
 
     @property
     def whole(self) -> bool:
-        """Whether `moved` is known of all contacts."""
+        """Whether `find_relative_motion` is known of all contacts."""
+        return True
 
     def stiffness(self) -> Any:
         """K, sparse, without the entries between prescribed degrees of freedom."""
@@ -73,6 +74,17 @@ class PathResponse(ContactResponse, Protocol):
 
     def measure_work(self, steps: Sequence[Step], fixed: Ints, /) -> Iterator[float]:
         """Work of loads and prescribed displacements of each step, without cancellation."""
+        stiffness = self.stiffness()
+        for first in range(0, len(steps), tuning.DISPLACEMENTS_TOGETHER):
+            # The displacements are not kept.
+            block = [
+                replace(step, computed=Computed(step.computed.displacement))
+                for step in steps[first : first + tuning.DISPLACEMENTS_TOGETHER]
+            ]
+            recover_displacements(block)
+            for step in block:
+                u = step.displacement
+                yield sum_work(np.asarray(step.load), u, fixed, lambda y: stiffness @ y)
 
 
 @dataclass(frozen=True)
@@ -133,21 +145,6 @@ def make_matrix(start: Integers, column: Integers, values: Floats) -> CsrMatrix:
     return matrix
 
 
-def measure_work(
-    stiffness: CsrMatrix, steps: Sequence[Step], fixed: Ints
-) -> Iterator[float]:
-    """As `PathResponse.measure_work`, of displacements that are not kept."""
-    for first in range(0, len(steps), tuning.DISPLACEMENTS_TOGETHER):
-        block = [
-            replace(step, computed=Computed(step.computed.displacement))
-            for step in steps[first : first + tuning.DISPLACEMENTS_TOGETHER]
-        ]
-        recover_displacements(block)
-        for step in block:
-            u = step.displacement
-            yield sum_work(np.asarray(step.load), u, fixed, lambda y: stiffness @ y)
-
-
 def sum_work(
     load: Floats, u: Floats, fixed: Ints, multiply: Callable[[Floats], Floats]
 ) -> float:
@@ -162,7 +159,7 @@ def _join(rows: Floats, rest: Floats) -> Floats:
     return np.concatenate([rows.ravel(), rest])[None]
 
 
-class CondensedResponse:
+class CondensedResponse(PathResponse):
     """The response of bodies that the direct engine condensed.
 
     ``core``: the bodies and the contacts that close in the path.
@@ -228,10 +225,6 @@ class CondensedResponse:
             for f, u, r, a in states
         ]
         return self.core.displacements(by_step)
-
-    def measure_work(self, steps: Sequence[Step], fixed: Ints) -> Iterator[float]:
-        """As `PathResponse`."""
-        return measure_work(self.stiffness(), steps, fixed)
 
     def _take_members(self, reaction: Floats) -> Floats:
         return np.ascontiguousarray(reaction[self.members])

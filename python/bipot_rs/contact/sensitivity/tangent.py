@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,19 +36,15 @@ class Forward:
             # K du + dK u = df.
             pulled = path.model.forces(-(given.stiffness @ displacement.T).T)
             self._load = pulled if given.load is None else given.load + pulled
-        self._go_forward()
-
-    def _go_forward(self) -> None:
-        path, changes = self._path, self._given
-        before = np.zeros((path.shape[0], path.shape[1] - 1))
-        lifted = np.zeros(path.shape[0])
-        for k in range(len(path.steps)):
+        before = np.zeros((shape[0], shape[1] - 1))
+        lifted = np.zeros(shape[0])
+        for k in range(steps):
             free, balance = self._find_free_part(k)
             moved = free.copy()
             moved[:, 1:] -= before
             moved[:, 0] -= lifted
-            rest = None if changes.rest is None else changes.rest * path.felt[k]
-            change = StepChange(moved, balance, changes.friction, rest)
+            rest = None if given.rest is None else given.rest * path.felt[k]
+            change = StepChange(moved, balance, given.friction, rest)
             self.reaction[k], self._amounts[k] = differentiate_step(
                 path.linear(k), change
             )
@@ -106,16 +103,21 @@ class Forward:
         ]
         return np.concatenate(blocks)
 
+    def tangent(self, displacement: Callable[[], Floats] | None = None) -> Tangent:
+        """The derivatives; ``displacement`` replaces the method of this name."""
+        return Tangent(
+            self.reaction,
+            self.relative_displacement,
+            self.slip,
+            self._path.one_sided,
+            displacement or self.displacement,
+        )
+
 
 def find_tangent(path: LinearPath, result: Result, change: DataChange) -> Tangent:
     """`Result.jvp`."""
     shape = path.shape[0], path.shape[1]
     changes = check_changes(path.model, len(path.steps), path.mu, shape, change)
-    forward = Forward(path, changes, None if change.K is None else result.displacement)
-    return Tangent(
-        forward.reaction,
-        forward.relative_displacement,
-        forward.slip,
-        path.one_sided,
-        forward.displacement,
-    )
+    return Forward(
+        path, changes, None if change.K is None else result.displacement
+    ).tangent()

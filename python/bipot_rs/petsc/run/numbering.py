@@ -67,14 +67,12 @@ def share_nodes(library: Library, ranks: World, model: Assembly) -> Numbering:
             first, last = (nodes * k // count for k in (ranks.number, ranks.number + 1))
             rows = find_neighbours(model.bodies, first, last)
         by_graph = divide_graph(library, ranks.comm, rows, nodes)
-    if by_graph is None or _is_unequal(by_graph[0], count):
+        sizes = np.bincount(by_graph[0], minlength=count) if by_graph else np.zeros(1)
+        if not sizes.all() or np.ptp(sizes) > tuning.UNEQUAL_PARTS * sizes.mean():
+            by_graph = None
+    if by_graph is None:
         by_graph = divide_by_coordinates(model.nodes, count), "coordinates"
     return Numbering.of_owners(*by_graph, ranks, model.dim)
-
-
-def _is_unequal(owner: Ints, count: int) -> bool:
-    sizes = np.bincount(owner, minlength=count)
-    return bool(np.ptp(sizes) > tuning.UNEQUAL_PARTS * sizes.mean() or not sizes.all())
 
 
 def assemble_stiffness(
