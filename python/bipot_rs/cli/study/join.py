@@ -21,11 +21,9 @@ from bipot_rs.cli.study.folder import (
     write_record,
 )
 from bipot_rs.cli.study.plan import StudyRecord
-from bipot_rs.cli.study.report import print_study, summarise_rows
+from bipot_rs.cli.study.report import group_rows, print_study, summarise_rows
 from bipot_rs.cli.study.table import MISSING, read, write
 
-# Most row numbers in one sentence.
-_SHOWN = 8
 _NO_PART = "its part was not joined"
 
 
@@ -216,17 +214,10 @@ def copy_results(joined: JoinedStudy, folder: Path) -> None:
 
 def missing(joined: JoinedStudy) -> str:
     """A sentence about rows that no part has solved; "" if there is none."""
-    reasons: dict[str, list[str]] = {}
-    for k in sorted(joined.rows):
-        if joined.rows[k]["outcome"] == MISSING:
-            reasons.setdefault(joined.rows[k]["message"], []).append(str(k + 1))
-    if not reasons:
+    absent = [(k, row["message"]) for k, row in sorted(joined.rows.items())]
+    absent = [(k, why) for k, why in absent if joined.rows[k]["outcome"] == MISSING]
+    if not absent:
         return ""
-    told = []
-    for reason, rows in reasons.items():
-        if reason == _NO_PART:
-            reason = f"part {', '.join(joined.absent)} was not joined"
-        shown = [*rows[:_SHOWN], *(["…"] if len(rows) > _SHOWN else [])]
-        told.append(f"row {', '.join(shown)} ({reason})")
-    count = sum(map(len, reasons.values()))
-    return f"{count_noun(count, 'row')} missing: {'; '.join(told)}"
+    parts = f"part {', '.join(joined.absent)} was not joined"
+    told = group_rows((k, parts if why == _NO_PART else why) for k, why in absent)
+    return f"{count_noun(len(absent), 'row')} missing: {told}"

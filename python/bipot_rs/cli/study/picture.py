@@ -15,6 +15,7 @@ from bipot_rs._lib.text_files import real
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.run.output_folder import SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study.folder import read_record
+from bipot_rs.cli.study.report import group_rows
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE, read
 from bipot_rs.contact.results.tables import COMPONENTS, FORCES
 
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
 # Columns that are no numbers.
 _TEXTS = ("outcome", "message", "digest")
-# Most rows that a sentence names.
-_SHOWN = 5
 
 
 def draw(
@@ -56,7 +55,8 @@ def draw(
     absent = [row for row in rows if not (row[across] and row[up])]
     if not drawn:
         raise ValueError(f"{folder / SWEEP} has no row with both {across} and {up}")
-    varied = _list_varied_keys(drawn, [key for key in keys if key not in (across, up)])
+    others = [key for key in keys if key not in (across, up)]
+    varied = [key for key in others if len({row[key] for row in drawn}) > 1]
     if across not in keys and varied:
         # Rows of one series must differ in something.
         varied.remove(max(varied, key=lambda key: len({row[key] for row in drawn})))
@@ -83,7 +83,9 @@ def draw(
             figure_of(ax).savefig(target, dpi=150, bbox_inches="tight")
     except ValueError as error:
         raise ValueError(f"cannot draw {target}: {error}") from error
-    return target, _left_out(absent, across, up)
+    rows_left = group_rows((int(row["row"]), row["outcome"]) for row in absent)
+    said = f"left out, without {across} or {up}: {rows_left}" if absent else ""
+    return target, said
 
 
 def _column(option: str, text: str, keys: Sequence[str], columns: Sequence[str]) -> str:
@@ -103,12 +105,6 @@ def _column(option: str, text: str, keys: Sequence[str], columns: Sequence[str])
         f"{option} is {text!r}, expected one of {', '.join(columns)}"
         + meant(text, [*columns, *short.values()])
     )
-
-
-def _list_varied_keys(
-    rows: Sequence[Mapping[str, str]], keys: Sequence[str]
-) -> list[str]:
-    return [key for key in keys if len({row[key] for row in rows}) > 1]
 
 
 def _number(path: Path, row: Mapping[str, str], name: str) -> float:
@@ -170,18 +166,3 @@ def _unit(name: str, units: Mapping[str, str]) -> str | None:
     if kind in (*FORCES[:2], *COMPONENTS):
         return units.get("force")
     return "s" if kind == "seconds" else None
-
-
-def _left_out(absent: Sequence[Mapping[str, str]], x: str, y: str) -> str:
-    """A sentence about the rows that are not drawn."""
-    outcomes: dict[str, list[str]] = {}
-    for row in absent:
-        outcomes.setdefault(row["outcome"], []).append(str(int(row["row"]) + 1))
-    if not outcomes:
-        return ""
-    told = [
-        f"row {', '.join(numbers[:_SHOWN])}{', …' if len(numbers) > _SHOWN else ''} "
-        f"({outcome})"
-        for outcome, numbers in outcomes.items()
-    ]
-    return f"left out, without {x} or {y}: {'; '.join(told)}"

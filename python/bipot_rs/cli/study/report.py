@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,9 @@ from bipot_rs.contact.law.status import STATUS_NAMES
 if TYPE_CHECKING:
     from bipot_rs._lib.types import Record
 
+# Most row numbers in one sentence.
+_SHOWN = 8
+
 
 def summarise_rows(
     done: Mapping[int, Record],
@@ -34,6 +37,17 @@ def summarise_rows(
     if any(has_result(folder, k) for k in done.keys() - solved):
         text += f"; the load steps of rows that failed are in {folder / ROWS}"
     return text
+
+
+def group_rows(reasons: Iterable[tuple[int, str]]) -> str:
+    """Rows, numbered from 0, by the reason of each: ``row 1, 2 (lost); row 7 (bad input)``."""
+    by_reason: dict[str, list[str]] = {}
+    for k, reason in reasons:
+        by_reason.setdefault(reason, []).append(str(k + 1))
+    return "; ".join(
+        f"row {', '.join(rows[:_SHOWN])}{', …' if len(rows) > _SHOWN else ''} ({reason})"
+        for reason, rows in by_reason.items()
+    )
 
 
 def print_study(

@@ -57,7 +57,13 @@ def check_wear(
                 f"{what} is not zero, expected none: wear is not derived for contacts with "
                 f"{what}"
             )
-    coefficients = _check_coefficient(coefficient, contacts.count)
+    coefficients = by_contact("coefficient", coefficient, contacts.count)
+    if (coefficients < 0).any():
+        k = int(np.argmax(coefficients < 0))
+        raise ValueError(
+            f"coefficient of contact {k} is {coefficients[k]:g}, expected zero or a "
+            "positive number: depth = coefficient * pressure * slip"
+        )
     count = integer("cycles", cycles, least=1)
     if not isinstance(jump, bool):
         raise TypeError(f"jump is {jump!r}, expected a bool")
@@ -68,18 +74,6 @@ def check_wear(
     return WearArguments(
         contacts, contacts.area, coefficients, count, jump, share, state
     )
-
-
-def _check_coefficient(value: ArrayLike, contacts: int) -> Floats:
-    """Wear coefficients ``(n_c,)``, none negative."""
-    coefficient = by_contact("coefficient", value, contacts)
-    if (coefficient < 0).any():
-        k = int(np.argmax(coefficient < 0))
-        raise ValueError(
-            f"coefficient of contact {k} is {coefficient[k]:g}, expected zero or a "
-            "positive number: depth = coefficient * pressure * slip"
-        )
-    return coefficient
 
 
 def _find_state(start: Wear | Start | None, shape: tuple[int, int]) -> WearState:

@@ -48,7 +48,7 @@ class CycleSolver:
         self._end = arguments.state.cycle + arguments.cycles
         self._rtol, self._jumps = arguments.rtol, arguments.jump
         self._on_cycle = on_cycle
-        self._rows = WearRows.make_empty()
+        self._rows = WearRows()
         self._last: Cycle | None = None
         # Cycles to solve before the next attempt to jump, and their number after that.
         self._wait, self._pause = 0, 1
@@ -183,10 +183,8 @@ class CycleSolver:
         self._rows.jumps.append(jump)
         length = jump.cycles / 2
         if length < LEAST:
-            self._wait, self._pause = (
-                self._pause,
-                min(2 * self._pause, tuning.JUMP_PATIENCE),
-            )
+            self._wait = self._pause
+            self._pause = min(2 * self._pause, tuning.JUMP_PATIENCE)
             length = LEAST
         self._state = replace(self._state, length=length)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -230,17 +230,12 @@ class Wear:
 class WearRows:
     """Rows of a `Wear` that is being computed."""
 
-    worn: list[Floats]
-    steps: list[Step]
-    dissipation: list[float]
-    totals: list[tuple[float, float]]
-    jumps: list[Jump]
+    worn: list[Floats] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    dissipation: list[float] = field(default_factory=list)
+    totals: list[tuple[float, float]] = field(default_factory=list)
+    jumps: list[Jump] = field(default_factory=list)
     paths: int = 0
-
-    @classmethod
-    def make_empty(cls) -> WearRows:
-        """Rows before the first cycle."""
-        return cls([], [], [], [], [])
 
     def make_wear(
         self,
