@@ -167,6 +167,13 @@ class Model:
             raise SceneError(self.title, wrong)
         return made
 
+    def parameter(self, **values: object) -> None:
+        """Define names for formulas such as ``mu="mu"`` and ``x="2*F"`` in place of numbers.
+
+        A formula has numbers, names, ``+ - * /`` and parentheses; ``n`` is that of the cells.
+        """
+        self._table.setdefault("parameter", {}).update(_plain(values))
+
     @staticmethod
     def times(value: float, amplitude: str) -> dict[str, object]:
         """A number times an amplitude of `path`."""

@@ -338,8 +338,11 @@ class Case:
                 "nothing moves: there is no load, all prescribed displacements are zero, "
                 "and no obstacle moves or penetrates"
             )
-        if self.scene is not None and self.scene.lacks_n():
-            remarks.append("mesh.n: has no effect, since no body uses n")
+        if self.scene is not None:
+            remarks += [
+                f"{key}: has no effect, since no formula uses it"
+                for key in self.scene.unused()
+            ]
         return remarks
 
     def describe_unbalanced(self) -> str | None:

@@ -16,6 +16,7 @@ from bipot_rs._lib.messages import count_noun, instead
 from bipot_rs.scene.library import folder_of, text
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
+from bipot_rs.scene.schema.formula import Formulas
 from bipot_rs.scene.schema.messages import describe_error
 from bipot_rs.scene.schema.root import Scene, Solver
 from bipot_rs.scene.schema.suggestions import standing
@@ -68,11 +69,13 @@ def check(
     ``mistakes`` and all that are found here.
     """
     mistakes_found = list(mistakes)
+    formulas = Formulas(table)
     try:
-        scene = Scene.model_validate(table)
+        scene = _validate(table, formulas)
     except ValidationError as error:
-        keys = standing(Scene, table)
-        mistakes_found += [describe_error(e, keys, table) for e in error.errors()]
+        keys, values = standing(Scene, table), formulas.values
+        errors = [e for e in error.errors() if not formulas.follows(e)]
+        mistakes_found += [describe_error(e, keys, table, values) for e in errors]
         mistakes_found += _check_settings(table)
         raise SceneError(name, mistakes_found) from None
     # Grids and sizes are computed only if no number overflows.
@@ -80,7 +83,16 @@ def check(
     mistakes_found += _check_settings(table)
     if mistakes_found:
         raise SceneError(name, mistakes_found)
-    return scene.beside(folder)
+    return scene.beside(folder, formulas.unused.values())
+
+
+def _validate(table: dict[str, object], formulas: Formulas) -> Scene:
+    """The scene of a table, whose formulas are replaced by their values."""
+    try:
+        return Scene.model_validate(table)
+    except ValidationError as error:
+        formulas.fill(table, error.errors())
+        return Scene.model_validate(table)
 
 
 def _check_settings(table: dict[str, object]) -> Iterator[Mistake]:
@@ -154,10 +166,10 @@ def put(table: dict[str, object], key: str, value: object) -> str | None:
                     )
                 places += [(at, index) for index in chosen]
             elif isinstance(at, dict):
-                if not last and part not in at:
-                    if depth == 1 and parts[0] in ("body", "material"):
-                        # Otherwise a new, incomplete body or material would be made.
-                        return f"there is no {parts[0]} {part!r}{instead(part, at)}"
+                if part not in at and not (last and place != "parameter"):
+                    if place in ("body", "material", "parameter"):
+                        # Otherwise a new, incomplete or unused one would be made.
+                        return f"there is no {place} {part!r}{instead(part, at)}"
                     at[part] = {}
                 places.append((at, part))
             else:

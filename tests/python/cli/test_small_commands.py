@@ -111,7 +111,7 @@ def test_check_ends_before_the_factorisation(monkeypatch: pytest.MonkeyPatch) ->
         (["contact.0.plane.point=[0,0,-500]"], "stays 500 away"),
         (
             [f"body.cube.{axis}.cells=4" for axis in "xyz"],
-            "mesh.n: has no effect, since no body uses n",
+            "mesh.n: has no effect, since no formula uses it",
         ),
         (
             ["support.0.z=0.0", "path.amplitude.shear=[0.0, 0.0]"],
@@ -477,8 +477,8 @@ def test_schema_takes_what_bipot_takes(bipot: Any, repository: Path) -> None:
         lambda t: t["mesh"].update(m=3),
         lambda t: t["mesh"].update(n=0),
         lambda t: t["body"]["cube"].update(cell="hex"),
-        lambda t: t["body"]["cube"]["x"].update(growth="fast"),
-        lambda t: t["support"][0].update(x="left"),
+        lambda t: t["body"]["cube"]["x"].update(growth={}),
+        lambda t: t["support"][0].update(x=[1.0]),
         lambda t: t["contact"][0].update(mu=-0.1),
         lambda t: t["contact"][0].update(friction=0.1),
         lambda t: t["path"]["amplitude"].update(shear=[]),

@@ -46,8 +46,8 @@ RUN = ("run", "sheared_cube")
         (("run", "mein.toml"), "did you mean 'mine.toml'?"),
         (("sweep",), "required: SCENE; bipot sweep --help lists the"),
         (
-            (*RUN, "--set", 'material.steel.young="7"'),
-            "material.steel.young: should be a valid number, without quotes, got '7'",
+            (*RUN, "--set", 'material.steel.young="7E"'),
+            "material.steel.young: should be a valid number, got '7E': expected numbers, ",
         ),
         ((*RUN, "--set", 'support.0.z="x"'), "support.0.z: should be a valid number"),
         (

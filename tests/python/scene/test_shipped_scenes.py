@@ -223,7 +223,7 @@ def test_graded_grid() -> None:
     # The last cell would be 1, below half of 4: its inner point is removed.
     np.testing.assert_array_equal(axis.grid(None), [-8, -3, -1, 0])
     axis = Axis.model_validate(
-        {"from": -8.0, "to": 4.0, "cell": "2/n", "uniform": [-1.0, 1.0], "growth": 2.0}
+        {"from": -8.0, "to": 4.0, "cell": 1.0, "uniform": [-1.0, 1.0], "growth": 2.0}
     )
     # From -1: cells of 2, 4, then a rest of 1, which is below half of 4. From 1: a cell of
     # 2, then a rest of 1, which is half of 2 and stays.
@@ -265,7 +265,9 @@ def test_suggestions_for_keys_that_exist_elsewhere() -> None:
         )
         assert f"contact.{k}.cells: unknown key, {near}" in messages
         (meant,) = (line for line in messages if line.startswith(f"contact.{k}.zzz: "))
-        assert meant.startswith(f"contact.{k}.zzz: unknown key, expected one of on, name, mu")
+        assert meant.startswith(
+            f"contact.{k}.zzz: unknown key, expected one of on, name, mu"
+        )
 
 
 def test_files_that_are_not_scenes(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
     (
         ["mesh.n=9"],
         [
-            "body.upper.z: cells = n/2 is not a whole number of cells for mesh.n = 9",
+            "body.upper.z: cells is not a whole number of cells for mesh.n = 9: 4.5",
             "body.lower.z: ",
         ],
     ),
@@ -132,7 +132,10 @@ ABSURD: list[tuple[list[str], str]] = [
         ["path.steps=1000000", "mesh.n=40"],
         "path: has 1000000 load steps of 68921 nodes",
     ),
-    (["body.cube.x.cells='n/0'"], "body.cube.x: n/0 divides by zero"),
+    (
+        ["body.cube.x.cells='n/0'"],
+        "body.cube.x.cells: should be a valid number, got 'n/0': it divides by zero",
+    ),
     (["body.cube.x.to=1e300"], "body.cube.x.to: is 1e+300, expected zero or"),
     (["body.cube.x={from=0.0, to=1.0, cell=1e-12}"], "body.cube.x: cells from"),
     (["material.steel.young=" + "[" * 100_000], "material.steel.young: should be"),

@@ -21,8 +21,10 @@ _SHORT: dict[str, dict[str, object]] = {
     "MeshFile": {"type": "string"},
     "Amplitude": {"type": "array", "items": {"type": "number"}, "minItems": 1},
 }
-# Keys that are a number, or a text such as "2*n".
-_OF_N = ("cell", "cells")
+
+
+# Keys of a schema that restrict nothing.
+_ABOUT = ("title", "description", "default")
 
 
 def add_arguments(_: Parser) -> None:
@@ -42,13 +44,7 @@ def schema() -> dict[str, object]:
     whole = Scene.model_json_schema(by_alias=True)
     definitions = whole["$defs"]
     axis = definitions["Axis"]["properties"]
-    for key in _OF_N:
-        axis[key] = {
-            "anyOf": [{"type": "number"}, {"type": "string"}],
-            "description": "A number, or one that depends on mesh.n: n, n/2, 6*n, 0.5/n.",
-        }
-    growth = axis["growth"]
-    axis["growth"] = {"anyOf": [{"type": "number"}, growth]}
+    axis["growth"] = {"anyOf": [{"type": "number"}, axis["growth"]]}
     _shorten(whole)
     # Editors show the docstrings of the tables.
     return {
@@ -59,7 +55,7 @@ def schema() -> dict[str, object]:
 
 
 def _shorten(node: dict[str, object] | list[object]) -> None:
-    """Accept the plain values of `_SHORT`; changes ``node`` in place."""
+    """Accept the plain values of `_SHORT`, and formulas; changes ``node`` in place."""
     inner = list(node.values() if isinstance(node, dict) else node)
     for part in inner:
         if isinstance(part, dict | list):
@@ -67,4 +63,9 @@ def _shorten(node: dict[str, object] | list[object]) -> None:
     if isinstance(node, dict) and "$ref" in node:
         short = _SHORT.get(str(node["$ref"]).rpartition("/")[2])
         if short is not None:
-            node["anyOf"] = [short, {"$ref": node.pop("$ref")}]
+            plain = dict(short)
+            _shorten(plain)
+            node["anyOf"] = [plain, {"$ref": node.pop("$ref")}]
+    elif isinstance(node, dict) and node.get("type") in ("number", "integer"):
+        number = {key: node.pop(key) for key in list(node) if key not in _ABOUT}
+        node["anyOf"] = [number, {"type": "string", "description": "A formula: 2*F."}]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from keyword import iskeyword
 
 from bipot_rs._lib.memory import installed
 from bipot_rs._lib.messages import count_noun, instead
@@ -50,6 +51,7 @@ def inconsistencies(
     dim = max((body.dim for body in known.values() if body.dim), default=None)
     return [
         *_units(scene),
+        *_parameters(scene),
         *_bodies(scene, known),
         *_materials(scene),
         *_surfaces(scene, known),
@@ -76,6 +78,16 @@ def _units(scene: Scene) -> Iterator[Mistake]:
     problem = find_inconsistency(scene.units.model_dump())
     if problem is not None:
         yield Mistake("units", problem)
+
+
+def _parameters(scene: Scene) -> Iterator[Mistake]:
+    for name in scene.parameter:
+        if not name.isidentifier() or iskeyword(name) or name == "n":
+            yield Mistake(
+                f"parameter.{name}",
+                "should have another name: letters, digits and '_', with a letter first, and "
+                "not n (mesh.n) or a word that Python reserves",
+            )
 
 
 def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:

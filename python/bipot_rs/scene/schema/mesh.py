@@ -1,10 +1,8 @@
 """Tables of bodies: boxes with their grids, meshes from files, surfaces by geometry.
 
-A number of cells or a length may depend on ``mesh.n`` of the scene: ``"n"``, ``"n/2"``,
-``"6*n"``, ``"0.5/n"``.
+Cells may depend on ``mesh.n`` of the scene by formulas: ``"n"``, ``"n/2"``, ``"0.5/n"``.
 """
 
-import re
 from typing import Annotated, Literal
 
 import numpy as np
@@ -22,23 +20,6 @@ from bipot_rs.scene.schema.table import (
     no_tables,
     wrap,
 )
-
-_OF_N = re.compile(
-    r"(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?n(?:\s*/\s*(?P<divisor>\d+(?:\.\d*)?))?"
-    r"|(?P<over>\d+(?:\.\d*)?)\s*/\s*n"
-)
-
-
-def _expression(value: object) -> str:
-    """Return a number, or an expression in n, as text."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return str(value)
-    if isinstance(value, str) and _OF_N.fullmatch(value.strip()):
-        return value.strip()
-    raise ValueError("should be a number, or such as 'n', 'n/2', '6*n', '0.5/n'")
-
-
-Expression = Annotated[str, BeforeValidator(_expression)]
 
 
 class Mesh(Table):
@@ -65,20 +46,16 @@ class Axis(Table):
 
     start: Annotated[float | None, Field(alias="from")] = None
     end: Annotated[float | None, Field(alias="to")] = None
-    cells: Expression | None = None
-    cell: Expression | None = None
+    cells: float | None = None
+    cell: float | None = None
     uniform: Range | None = None
     growth: Annotated[
         list[Annotated[list[float], Field(min_length=2, max_length=2)]],
-        BeforeValidator(lambda v: [[1.0, v]] if isinstance(v, int | float) else v),
+        BeforeValidator(
+            lambda v: [[1.0, v]] if isinstance(v, int | float | str) else v
+        ),
     ] = Field(default_factory=lambda: [[1.0, 1.0]])
     points: Annotated[list[float], Field(min_length=2)] | None = None
-
-    def takes_n(self) -> bool:
-        """Whether the grid depends on n."""
-        texts = [text for text in (self.cells, self.cell) if text is not None]
-        grows = any(first > 1 for first, _ in self.growth)
-        return grows or any("n" in text for text in texts)
 
     def grid(self, n: int | None) -> Floats:
         """Ascending grid points; a `ValueError` if keys contradict each other."""
@@ -99,15 +76,15 @@ class Axis(Table):
         if self.cells is not None:
             if self.uniform is not None or "growth" in self.model_fields_set:
                 raise ValueError("uniform and growth need cell instead of cells")
-            count = _whole(_of_n(self.cells, n), f"cells = {self.cells}", n)
+            count = _whole(self.cells, "cells", n)
             low, high = sorted((self.start, self.end))
             return np.linspace(low, high, count + 1)
-        return self._grade_cells(self.start, self.end, str(self.cell), n)
+        return self._grade_cells(self.start, self.end, self.cell or 0.0, n)
 
     def _grade_cells(
-        self, start: float, end: float, cell: str, n: int | None
+        self, start: float, end: float, size: float, n: int | None
     ) -> Floats:
-        size, ratio = _of_n(cell, n), 1.0
+        ratio = 1.0
         for first, value in self.growth:
             if n is None or n >= first:
                 ratio = value
@@ -119,7 +96,7 @@ class Axis(Table):
         low, high = self.uniform
         if not min(start, end) <= low < high <= max(start, end):
             raise ValueError("uniform should ascend, between from and to")
-        count = _whole((high - low) / size, f"uniform over cell = {cell}", n)
+        count = _whole((high - low) / size, f"uniform over cell = {size:g}", n)
         left = _grow(low, min(start, end), -size * ratio, ratio)
         right = _grow(high, max(start, end), size * ratio, ratio)
         return np.unique([*left, *np.linspace(low, high, count + 1), *right])
@@ -208,21 +185,6 @@ class Block(Table):
         if isinstance(self.material, str):
             return {"": self.material}
         return {f".{volume}": name for volume, name in self.material.items()}
-
-
-def _of_n(expression: str, n: int | None) -> float:
-    """Value of an `Expression`."""
-    match = _OF_N.fullmatch(expression)
-    if match is None:
-        return float(expression)
-    if n is None:
-        raise ValueError(f"{expression} needs mesh.n, which is missing")
-    if match["over"]:
-        return float(match["over"]) / n
-    divisor = float(match["divisor"] or 1)
-    if divisor == 0:
-        raise ValueError(f"{expression} divides by zero")
-    return float(match["factor"] or 1) * n / divisor
 
 
 def _whole(value: float, what: str, n: int | None) -> int:

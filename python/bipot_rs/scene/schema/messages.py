@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Record
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
+from bipot_rs.scene.schema.formula import TEXT_FOR_NUMBER, evaluate
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.suggestions import suggestion
-from bipot_rs.scene.schema.table import KIND
+from bipot_rs.scene.schema.table import key_path
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -67,7 +67,10 @@ MESSAGES: Mapping[str, tuple[MistakeKind, str | Callable[[_Context], str]]] = {
 
 
 def describe_error(
-    error: ErrorDetails, known: Mapping[str, Sequence[str]], table: object
+    error: ErrorDetails,
+    known: Mapping[str, Sequence[str]],
+    table: object,
+    values: Mapping[str, float],
 ) -> Mistake:
     """The mistake of one entry of ``ValidationError.errors()``.
 
@@ -77,41 +80,25 @@ def describe_error(
         As `suggestions.standing` returns it.
     table
         The tables of the scene.
+    values
+        Values of the names in formulas.
     """
     kind, words = MESSAGES.get(error["type"], (MistakeKind.RANGE, "is not valid"))
     message = words if isinstance(words, str) else words(error.get("ctx", {}))
-    key = ".".join(_key_path(error["loc"], table))
+    key = ".".join(key_path(error["loc"], table))
     parts = [str(part) for part in error["loc"]]
     if kind is MistakeKind.UNKNOWN_KEY:
         return Mistake(key, message + suggestion(Scene, parts, known), kind)
     if kind is MistakeKind.MISSING_KEY:
         return Mistake(key, message, kind)
     value = error.get("input")
-    if error["type"] in ("float_type", "int_type") and isinstance(value, str):
-        with suppress(ValueError):
-            float(value)
-            message += ", without quotes"
     if parts[0] == "pressure" and isinstance(value, dict) and "amplitude" in value:
         message += "; write amplitude as a key of [[pressure]], not of value"
     if isinstance(value, str | int | float):
         message += f", got {value!r}"
+    if error["type"] in TEXT_FOR_NUMBER and isinstance(value, str):
+        try:
+            evaluate(value, values)
+        except ValueError as reason:
+            message += f": {reason}"
     return Mistake(key, message, kind)
-
-
-def _key_path(loc: Sequence[str | int], table: object) -> list[str]:
-    """Key path of an error of pydantic, as written in ``table``.
-
-    `wrap` puts some plain values into a table with one key; that key is left out.
-    """
-    path, at = [], table
-    for part in loc:
-        if isinstance(part, str) and part.startswith(KIND):
-            continue
-        if isinstance(at, dict):
-            at = at.get(part)
-        elif isinstance(at, list) and isinstance(part, int):
-            at = at[part] if part < len(at) else None
-        elif at is not None:
-            continue
-        path.append(str(part))
-    return path

@@ -1,6 +1,6 @@
 """The root table of a scene."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -84,6 +84,7 @@ class Scene(Table):
 
     title: str = ""
     units: Units = Field(default_factory=Units)
+    parameter: dict[str, float] = Field(default_factory=no_tables)
     mesh: Mesh | None = None
     material: dict[str, Elastic]
     body: Annotated[dict[str, Block], Field(min_length=1)]
@@ -105,6 +106,7 @@ class Scene(Table):
 
     # Relative names of files refer to this folder.
     _folder: Path = PrivateAttr(default_factory=Path)
+    _unused: tuple[str, ...] = PrivateAttr(default=())
 
     def __repr__(self) -> str:
         bodies, contacts = len(self.body), len(self.contact)
@@ -115,10 +117,11 @@ class Scene(Table):
 
     __str__ = __repr__
 
-    def beside(self, folder: Path) -> Self:
-        """Set the folder that names of files refer to, and return the scene."""
+    def beside(self, folder: Path, unused: Iterable[str] = ()) -> Self:
+        """Set the folder of files and the keys that no formula used; return the scene."""
         if any(self.files()):
             self._folder = folder
+        self._unused = tuple(unused)
         return self
 
     def place(self, file: str) -> Path:
@@ -152,13 +155,14 @@ class Scene(Table):
             return int(self.mesh.element[1])
         return block.order if block.mesh is None else block.mesh.order
 
-    def lacks_n(self) -> bool:
-        """Whether ``mesh.n`` is given but no body uses it."""
-        if self.mesh is None or self.mesh.n is None:
-            return False
-        boxes = [block for block in self.body.values() if block.mesh is None]
-        axes = [axis for block in boxes for axis in (block.x, block.y, block.z)]
-        return not any(axis is not None and axis.takes_n() for axis in axes)
+    def unused(self) -> list[str]:
+        """Parameters, and ``mesh.n``, that change nothing."""
+        blocks = self.body.values()
+        axes = [
+            axis for block in blocks for axis in (block.x, block.y, block.z) if axis
+        ]
+        grows = any(first > 1 for axis in axes for first, _ in axis.growth)
+        return [key for key in self._unused if key != "mesh.n" or not grows]
 
     def varying(self) -> Iterator[tuple[str, Varying]]:
         """Key path and value of each number that may have an amplitude."""

@@ -1,6 +1,7 @@
 """Base class and types of all tables of a scene."""
 
 import re
+from collections.abc import Sequence
 from typing import Annotated, TypeAlias, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
@@ -79,3 +80,22 @@ def no_entries() -> list[One]:
 def no_tables() -> dict[str, One]:
     """The default of tables by name; see `no_entries`."""
     return {}
+
+
+def key_path(loc: Sequence[str | int], table: object) -> list[str]:
+    """Key path of an error of pydantic, as written in ``table``.
+
+    `wrap` puts some plain values into a table with one key; that key is left out.
+    """
+    path, at = [], table
+    for part in loc:
+        if isinstance(part, str) and part.startswith(KIND):
+            continue
+        if isinstance(at, dict):
+            at = at.get(part)
+        elif isinstance(at, list) and isinstance(part, int):
+            at = at[part] if part < len(at) else None
+        elif at is not None:
+            continue
+        path.append(str(part))
+    return path
