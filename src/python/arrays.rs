@@ -29,12 +29,13 @@ pub(super) enum Indices<'py> {
 /// Row pointers, column indices and values of a matrix in CSR form.
 pub(super) type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
 
+/// A vector, a C-ordered matrix and indices as results.
+pub(super) type NewVector<'py> = Bound<'py, PyArray1<f64>>;
+pub(super) type NewMatrix<'py> = Bound<'py, PyArray2<f64>>;
+pub(super) type NewIndices<'py> = Bound<'py, PyArray1<i64>>;
+
 /// Row pointers, columns and values as results.
-pub(super) type CsrOutput<'py> = (
-    Bound<'py, PyArray1<i64>>,
-    Bound<'py, PyArray1<i64>>,
-    Bound<'py, PyArray1<f64>>,
-);
+pub(super) type CsrOutput<'py> = (NewIndices<'py>, NewIndices<'py>, NewVector<'py>);
 
 /// A sparse matrix with indices as `usize`.
 pub(super) struct CsrArrays<'a> {
@@ -218,7 +219,7 @@ fn negative(what: &'static str) -> PyErr {
 pub(super) fn from_rows<'py, const D: usize>(
     py: Python<'py>,
     rows: &[[f64; D]],
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<NewMatrix<'py>> {
     square(py, rows.as_flattened().to_vec(), rows.len(), D)
 }
 
@@ -228,27 +229,20 @@ pub(super) fn square(
     flat: Vec<f64>,
     rows: usize,
     columns: usize,
-) -> PyResult<Bound<'_, PyArray2<f64>>> {
+) -> PyResult<NewMatrix<'_>> {
     let array = Array2::from_shape_vec((rows, columns), flat)
         .map_err(|e| PyValueError::new_err(e.to_string()))?;
     Ok(PyArray2::from_owned_array(py, array))
 }
 
 /// Values of contacts, `d` columns.
-pub(super) fn of_contacts(
-    py: Python<'_>,
-    flat: Vec<f64>,
-    d: usize,
-) -> PyResult<Bound<'_, PyArray2<f64>>> {
+pub(super) fn of_contacts(py: Python<'_>, flat: Vec<f64>, d: usize) -> PyResult<NewMatrix<'_>> {
     let rows = flat.len() / d;
     square(py, flat, rows, d)
 }
 
 /// Indices, 64 bits wide.
-pub(super) fn from_indices(
-    py: Python<'_>,
-    indices: Vec<usize>,
-) -> PyResult<Bound<'_, PyArray1<i64>>> {
+pub(super) fn from_indices(py: Python<'_>, indices: Vec<usize>) -> PyResult<NewIndices<'_>> {
     let wide: Result<Vec<i64>, _> = indices.into_iter().map(i64::try_from).collect();
     let wide = wide.map_err(|e| PyValueError::new_err(e.to_string()))?;
     Ok(PyArray1::from_vec(py, wide))
@@ -264,7 +258,7 @@ pub(super) fn from_csr(py: Python<'_>, matrix: OwnedMatrix) -> PyResult<CsrOutpu
 }
 
 /// A vector.
-pub(super) fn from_vec(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
+pub(super) fn from_vec(py: Python<'_>, values: Vec<f64>) -> NewVector<'_> {
     PyArray1::from_vec(py, values)
 }
 

@@ -8,10 +8,12 @@ use crate::assembly::inspection::{self, Bodies, Rows};
 use crate::assembly::pattern::{Index, Pattern};
 use crate::assembly::stiffness::{self as core, Elastic};
 use crate::error::Error;
-use crate::python::arrays::{self, Csr as GivenCsr, Indices, Matrix, Vector};
+use crate::python::arrays::{
+    self, Csr as GivenCsr, Indices, Matrix, NewIndices, NewMatrix, NewVector, Vector,
+};
 use crate::python::interrupt;
 use crate::tasks;
-use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -182,13 +184,13 @@ pub(super) fn sum_of_cells<'py>(
 /// Forces of a dilation and bodies by degree of freedom; by body the work of shears, least and
 /// greatest coordinates, and numbers of all and of free degrees of freedom.
 type BodiesOutput<'py> = (
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<i64>>,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray1<i64>>,
-    Bound<'py, PyArray1<i64>>,
+    NewVector<'py>,
+    NewIndices<'py>,
+    NewVector<'py>,
+    NewMatrix<'py>,
+    NewMatrix<'py>,
+    NewIndices<'py>,
+    NewIndices<'py>,
 );
 
 /// The bodies of K, their surfaces and their stiffness.
@@ -260,7 +262,7 @@ pub(super) fn diagonal<'py>(
     py: Python<'py>,
     stiffness: GivenCsr<'py>,
     num_threads: Option<usize>,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
+) -> PyResult<NewVector<'py>> {
     let (pointer, index, values) = &stiffness;
     let values = values.as_slice()?;
     let found = match (pointer, index) {

@@ -1,6 +1,6 @@
 //! What can move: directions, rigid motions, connected bodies, and what holds them.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -12,7 +12,7 @@ use crate::bodies::resistance::measure_resistance;
 use crate::bodies::tuning;
 use crate::error::Error;
 use crate::linalg::union::Union;
-use crate::python::arrays::{self, Csr, Indices, Matrix};
+use crate::python::arrays::{self, Csr, Indices, Matrix, NewIndices, NewMatrix};
 
 /// The direction of each degree of freedom at `places (n, 3)`: 0, 1, 2 for a displacement along
 /// x, y, z, 3, 4, 5 for a rotation about x, y, z, and -1 if the places do not tell.
@@ -21,7 +21,7 @@ pub(super) fn dof_directions<'py>(
     py: Python<'py>,
     places: Matrix<'py>,
     d: usize,
-) -> PyResult<Bound<'py, PyArray1<i64>>> {
+) -> PyResult<NewIndices<'py>> {
     check_dimension(d)?;
     let directions = find_directions(arrays::rows::<3>(&places)?, d);
     let number = |direction: Option<DofDirection>| {
@@ -45,7 +45,7 @@ pub(super) fn rigid_motions<'py>(
     arm: Matrix<'py>,
     d: usize,
     reach: f64,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<NewMatrix<'py>> {
     let (directions, arms) = (direction.as_slice()?, arrays::rows::<3>(&arm)?);
     arrays::length("directions", directions.len(), arms.len())?;
     check_dimension(d)?;
@@ -72,7 +72,7 @@ pub(super) fn connected<'py>(
     count: usize,
     first: Indices<'py>,
     second: Indices<'py>,
-) -> PyResult<Bound<'py, PyArray1<i64>>> {
+) -> PyResult<NewIndices<'py>> {
     let pairs = (
         arrays::indices(&first, "pairs")?,
         arrays::indices(&second, "pairs")?,
@@ -87,7 +87,7 @@ pub(super) fn connected<'py>(
 }
 
 /// Numbers of rows, their forces, and whether some are weak.
-type ResistingRows<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>, bool);
+type ResistingRows<'py> = (NewIndices<'py>, NewMatrix<'py>, bool);
 
 /// The rows of `K` among those `wanted` that resist rigid motions: their numbers, the forces
 /// relative to the terms of each row, `(rows, m)`, and whether some of them are neither rounding
@@ -138,7 +138,7 @@ pub(super) fn free_motions<'py>(
     py: Python<'py>,
     rows: Matrix<'py>,
     accuracy: f64,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<NewMatrix<'py>> {
     let motions = rows.as_array().ncols();
     let mut holding = Holding::new(motions);
     for row in rows.as_slice()?.chunks_exact(motions.max(1)) {
@@ -152,10 +152,7 @@ pub(super) fn free_motions<'py>(
 /// Orthogonal combinations of motions whose values in the `rows (k, m)` are orthogonal too, as
 /// rows of amounts: the values of each are those of a singular vector.
 #[pyfunction]
-pub(super) fn combine_motions<'py>(
-    py: Python<'py>,
-    rows: Matrix<'py>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+pub(super) fn combine_motions<'py>(py: Python<'py>, rows: Matrix<'py>) -> PyResult<NewMatrix<'py>> {
     let rows = rows.as_array();
     let columns = rows.columns().into_iter();
     let combinations = Combinations::new(columns.map(|column| column.to_vec()).collect());

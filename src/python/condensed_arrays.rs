@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use numpy::PyArray2;
 use pyo3::prelude::*;
 
 use crate::bodies::geometry::Kinematics;
@@ -17,7 +16,7 @@ use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::rows::Rows;
 use crate::path::stepping::{State, reduced_step};
 use crate::proof::uniqueness::Unique;
-use crate::python::arrays::{self, CsrArrays, LawArrays, Matrix, Vector};
+use crate::python::arrays::{self, CsrArrays, LawArrays, Matrix, NewMatrix, Vector};
 use crate::python::interrupt;
 use crate::python::reduced_arrays::Assess;
 use crate::reduced::compliance::Compliance;
@@ -206,7 +205,7 @@ impl<const D: usize> CondensedArrays<D> {
         &self,
         py: Python<'py>,
         modes: &[Vec<[f64; D]>],
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         let rows = modes.iter();
         let flat = rows.flat_map(|mode| over(self.elliptic.as_ref(), mode).as_flattened().to_vec());
         arrays::square(py, flat.collect(), modes.len(), self.components())
@@ -217,7 +216,7 @@ impl<const D: usize> CondensedArrays<D> {
         py: Python<'py>,
         states: &[StateArrays<'py>],
         confirmed: Option<&[[Matrix<'py>; 3]]>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         let elliptic = self.elliptic.as_ref();
         let reactions = states
             .iter()

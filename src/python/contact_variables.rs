@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArray2, PyReadwriteArray1};
+use numpy::{PyArray1, PyReadwriteArray1};
 use pyo3::prelude::*;
 
 use crate::error::Error;
@@ -16,7 +16,9 @@ use crate::primal::frames::Frames;
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::tangent::Tangent;
 use crate::primal::transformation::Transformation;
-use crate::python::arrays::{self, Csr, CsrArrays, Indices, LawArrays, Matrix, Vector};
+use crate::python::arrays::{
+    self, Csr, CsrArrays, Indices, LawArrays, Matrix, NewIndices, NewMatrix, NewVector, Vector,
+};
 use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
@@ -24,9 +26,6 @@ use crate::reduced::validate::check_finite;
 
 /// Values by places that a method changes.
 pub(super) type Changed<'py> = PyReadwriteArray1<'py, f64>;
-
-/// Numbers of nodes or places.
-type Numbers<'py> = Bound<'py, PyArray1<i64>>;
 
 /// Contacts, and what is known of the nodes of their interface.
 pub(super) struct Interface<const D: usize> {
@@ -232,7 +231,7 @@ impl PyContactVariables {
 
     /// Node of each contact with an unknown.
     #[getter]
-    fn nodes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+    fn nodes<'py>(&self, py: Python<'py>) -> PyResult<NewIndices<'py>> {
         let nodes = for_either!(&self.kind, inner => {
             inner.interface.contacts.frames.blocks().map(|(node, _)| node).collect()
         });
@@ -261,7 +260,7 @@ impl PyContactVariables {
     fn transformation<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(Numbers<'py>, Numbers<'py>, Bound<'py, PyArray1<f64>>)> {
+    ) -> PyResult<(NewIndices<'py>, NewIndices<'py>, NewVector<'py>)> {
         fn of<const D: usize>(inner: &Interface<D>) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
             let nodes = inner.free.len() / D;
             let rows = Transformation::new(nodes, &inner.contacts.frames);
@@ -297,18 +296,14 @@ impl PyContactVariables {
 
     /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
-    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         for_either!(&self.kind, inner => {
             from_contacts(py, inner, &diagonal(&inner.interface.contacts, &inner.factors()))
         })
     }
 
     /// Relative displacements `B_f u_f` of prescribed ones, `(n_c, d)`.
-    fn offsets<'py>(
-        &self,
-        py: Python<'py>,
-        prescribed: Vector<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn offsets<'py>(&self, py: Python<'py>, prescribed: Vector<'py>) -> PyResult<NewMatrix<'py>> {
         let prescribed = prescribed.as_slice()?;
         for_either!(&self.kind, inner => {
             arrays::length("prescribed", prescribed.len(), inner.fixed)?;
@@ -318,7 +313,7 @@ impl PyContactVariables {
     }
 
     /// Relative displacements `R y` of values by places, `(n_c, d)`.
-    fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<NewMatrix<'py>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.places())?;
         for_either!(&self.kind, inner => {
@@ -327,7 +322,7 @@ impl PyContactVariables {
     }
 
     /// `Rᵀ v` by places, of relative displacements `(n_c, d)`.
-    fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<NewVector<'py>> {
         let y = for_either!(&self.kind, inner => {
             work(&inner.interface.contacts, &inner.factors(), &v, inner.interface.free.len())?
         });
@@ -379,7 +374,7 @@ fn from_contacts<'py, const D: usize>(
     py: Python<'py>,
     _: &InterfaceVariables<D>,
     values: &[f64],
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<NewMatrix<'py>> {
     arrays::from_rows(py, values.as_chunks::<D>().0)
 }
 
@@ -430,7 +425,7 @@ impl PyContactTangent {
 
     /// `dy` at these places.
     #[getter]
-    fn known<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+    fn known<'py>(&self, py: Python<'py>) -> NewVector<'py> {
         PyArray1::from_slice(
             py,
             for_either!(&self.kind, tangent => tangent.known.as_slice()),
@@ -477,7 +472,7 @@ impl PyContactTangent {
         py: Python<'py>,
         e: Vector<'_>,
         moved: Vector<'_>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    ) -> PyResult<NewVector<'py>> {
         let (e, mut moved) = (e.as_slice()?, moved.as_slice()?.to_vec());
         arrays::length("e", e.len(), self.places())?;
         arrays::length("moved", moved.len(), self.places())?;
@@ -486,7 +481,7 @@ impl PyContactTangent {
     }
 
     /// Nodes of sliding contacts, and the symmetric part of the spring of each, by rows.
-    fn springs<'py>(&self, py: Python<'py>) -> PyResult<(Numbers<'py>, Bound<'py, PyArray2<f64>>)> {
+    fn springs<'py>(&self, py: Python<'py>) -> PyResult<(NewIndices<'py>, NewMatrix<'py>)> {
         let (mut nodes, mut values) = (Vec::new(), Vec::<f64>::new());
         let columns = for_either!(&self.kind, tangent => {
             for (node, spring) in tangent.springs_of_nodes() {

@@ -13,7 +13,9 @@ use crate::equilibrium::programme::Limits;
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
-use crate::python::arrays::{Csr, CsrArrays, Indices, Vector, from_vec, indices, length};
+use crate::python::arrays::{
+    Csr, CsrArrays, Indices, NewVector, Vector, from_vec, indices, length,
+};
 use crate::python::interrupt;
 use crate::python::solution::PySolution;
 use crate::solver::at_rest::solve_at_rest;
@@ -194,7 +196,7 @@ impl PyConeSet {
         &self,
         py: Python<'py>,
         cost: Vector<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, bool, f64)> {
+    ) -> PyResult<(NewVector<'py>, bool, f64)> {
         let cost = cost.as_slice()?;
         length("cost", cost.len(), self.set.unknowns)?;
         let optimum = run(py, None, |limits| self.set.minimise(cost, limits))?;

@@ -3,11 +3,11 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArray2};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use crate::primal::linearised_laws::LinearisedLaws;
-use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Indices, Matrix, NewMatrix, NewVector, Vector};
 use crate::python::contact_variables::{
     Changed, Interface, InterfaceVariables, PyContactTangent, PyContactVariables,
 };
@@ -51,7 +51,7 @@ pub(super) struct PyLinearisedLaws {
 }
 
 /// A tangent, and right sides of laws.
-type Aimed<'py> = (PyContactTangent, Bound<'py, PyArray2<f64>>);
+type Aimed<'py> = (PyContactTangent, NewMatrix<'py>);
 
 #[pymethods]
 impl PyLinearisedLaws {
@@ -118,7 +118,7 @@ impl PyLinearisedLaws {
         g: Vector<'py>,
         dy: Vector<'py>,
         moved: Vector<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         let mut s = self.values("s", &s)?;
         let dy = self.at_places("dy", &dy)?;
         let moved = self.at_places("moved", &moved)?;
@@ -138,7 +138,7 @@ impl PyLinearisedLaws {
         py: Python<'py>,
         rho: Matrix<'py>,
         mut e: Changed<'py>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    ) -> PyResult<NewVector<'py>> {
         let mut rho = self.values("rho", &rho)?;
         self.scale(&mut rho);
         let e = e.as_slice_mut()?;
@@ -156,7 +156,7 @@ impl PyLinearisedLaws {
         e: Vector<'py>,
         z: Vector<'py>,
         moved: Vector<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         let mut rho = self.values("rho", &rho)?;
         self.scale(&mut rho);
         let (e, z) = (self.at_places("e", &e)?, self.at_places("z", &z)?);
@@ -196,6 +196,6 @@ fn rows_of_laws<'py, const D: usize>(
     py: Python<'py>,
     _: &InterfaceLaws<D>,
     values: &[f64],
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<NewMatrix<'py>> {
     arrays::from_rows(py, values.as_chunks::<D>().0)
 }

@@ -35,6 +35,7 @@ mod tangent;
 use pyo3::prelude::*;
 
 #[pymodule]
+#[expect(non_upper_case_globals, reason = "the names that Python sees")]
 mod _core {
     use pyo3::prelude::*;
 
@@ -81,32 +82,26 @@ mod _core {
 
     /// Two friction coefficients of a contact are within this factor of each other.
     #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const largest_friction_ratio: f64 = crate::reduced::elliptic_scaling::LARGEST_RATIO;
 
     /// Friction coefficients are at most this.
     #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const largest_friction: f64 = crate::law::contact_law::LARGEST_FRICTION;
 
     /// Reactions that are this many times the loads are not a solution.
     #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const largest_reaction: f64 = crate::reduced::existence::LARGEST_REACTION;
 
     /// Loads that are out of balance by a smaller share count as balanced.
     #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const least_work: f64 = crate::reduced::existence::LEAST_WORK;
 
     /// More bodies that contact alone holds are left to the direct engine.
     #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const most_loose_bodies: usize = crate::bodies::holding::MOST_LOOSE;
 
     /// How this module was compiled: `"release"`, or `"debug"`, which is far slower.
     #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const build_profile: &str = if cfg!(debug_assertions) {
         "debug"
     } else {
@@ -134,6 +129,5 @@ mod _core {
 
     /// The version of the crate.
     #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const version: &str = env!("CARGO_PKG_VERSION");
 }

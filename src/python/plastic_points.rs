@@ -1,24 +1,19 @@
 //! The response of many plastic points.
 
-use numpy::PyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::law::contact_law::ContactLaw;
 use crate::law::plastic_point::{Rate, respond};
 use crate::panics::caught;
-use crate::python::arrays::{self, Matrix};
+use crate::python::arrays::{self, Matrix, NewMatrix};
 use crate::tasks;
 
 /// Points in one task: few enough for balance, many enough for the cost of a task.
 const POINTS_A_TASK: usize = 1024;
 
 /// Stress, flow, and derivatives by row.
-type Responses<'py> = (
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
-);
+type Responses<'py> = (NewMatrix<'py>, NewMatrix<'py>, NewMatrix<'py>);
 
 /// Stress `(m, d)`, flow `(m, d)` and derivative `(m, d²)` of points with the stresses `tau`
 /// without flow. A row of `points` has ρ_n, ρ_t, μ, c, β, and H with the slip before.

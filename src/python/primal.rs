@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use crate::condensation::condense::ProblemArrays;
@@ -13,7 +12,7 @@ use crate::linalg::sparse::csc::{Index, Symmetric};
 use crate::linalg::sparse::rows::Rows;
 use crate::primal::path::PrimalPath;
 use crate::primal::problem::Primal;
-use crate::python::arrays::{self, Csr, CsrArrays, Indices, LawArrays, Matrix, Vector};
+use crate::python::arrays::{self, Csr, CsrArrays, Indices, LawArrays, Matrix, NewVector, Vector};
 use crate::python::condensed_arrays::Loads;
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
@@ -195,7 +194,7 @@ impl PyPrimal {
 }
 
 /// A step, and the displacements at its end.
-type Solved<'py> = (PyNewtonStep, Bound<'py, PyArray1<f64>>);
+type Solved<'py> = (PyNewtonStep, NewVector<'py>);
 
 /// A path and its problem.
 struct Progress<const D: usize> {

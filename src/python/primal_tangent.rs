@@ -3,12 +3,11 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, PoisonError};
 
-use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::linalg::amg::following::Following;
 use crate::primal::linearised::LinearisedStep;
-use crate::python::arrays::{self, CsrOutput, Indices, Matrix, Vector};
+use crate::python::arrays::{self, CsrOutput, Indices, Matrix, NewMatrix, NewVector, Vector};
 use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
 use crate::python::dimension::{Dimension, for_either};
 use crate::python::interrupt;
@@ -44,7 +43,7 @@ impl PyPrimalTangent {
 
     /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
-    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         let own = for_either!(&self.kind, inner => {
             diagonal(&inner.problem.contacts, &self.factors)
         });
@@ -80,7 +79,7 @@ impl PyPrimalTangent {
     }
 
     /// Relative displacements `R y` of unknowns.
-    fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<NewMatrix<'py>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.order())?;
         let v = for_either!(&self.kind, inner => moved(&inner.problem.contacts, &self.factors, y));
@@ -88,7 +87,7 @@ impl PyPrimalTangent {
     }
 
     /// `Rᵀ v` of relative displacements.
-    fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<NewVector<'py>> {
         let y = for_either!(&self.kind, inner => {
             work(&inner.problem.contacts, &self.factors, &v, inner.problem.order())?
         });
@@ -101,7 +100,7 @@ impl PyPrimalTangent {
         py: Python<'py>,
         y: Vector<'py>,
         prescribed: Vector<'py>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    ) -> PyResult<NewVector<'py>> {
         let (y, prescribed) = (y.as_slice()?, prescribed.as_slice()?);
         arrays::length("y", y.len(), self.order())?;
         let u = for_either!(&self.kind, inner => inner.problem.displacement(y, prescribed));
@@ -118,7 +117,7 @@ impl PyPrimalTangent {
         by_v: Matrix<'py>,
         right: Vector<'py>,
         transposed: bool,
-    ) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+    ) -> PyResult<Option<NewVector<'py>>> {
         let closed = arrays::indices(&closed, "closed")?;
         let given = (&closed[..], &by_r, &by_v, right.as_slice()?);
         let found = for_either!(&self.kind, inner => {
@@ -129,11 +128,7 @@ impl PyPrimalTangent {
 }
 
 impl PyPrimalTangent {
-    fn square<'py>(
-        &self,
-        py: Python<'py>,
-        values: Vec<f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn square<'py>(&self, py: Python<'py>, values: Vec<f64>) -> PyResult<NewMatrix<'py>> {
         let d = for_either!(&self.kind, inner => dimension(inner));
         arrays::of_contacts(py, values, d)
     }

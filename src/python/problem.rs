@@ -1,6 +1,5 @@
 //! The condensed contact problem.
 
-use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::bodies::geometry::Kinematics;
@@ -8,7 +7,9 @@ use crate::condensation::bodies::Loads as OwnLoads;
 use crate::condensation::forecast::Notice;
 use crate::condensation::problem::Problem;
 use crate::proof::uniqueness;
-use crate::python::arrays::{self, Csr, CsrArrays, CsrOutput, Indices, LawArrays, Matrix, Vector};
+use crate::python::arrays::{
+    self, Csr, CsrArrays, CsrOutput, Indices, LawArrays, Matrix, NewMatrix, NewVector, Vector,
+};
 use crate::python::bound::{self, PyBound};
 use crate::python::condensed_arrays::{Arguments, CondensedArrays, StateArrays};
 use crate::python::dimension::{Dimension, for_either, map_either};
@@ -18,11 +19,7 @@ use crate::reduced::elliptic_scaling::over;
 use crate::reduced::memory;
 use crate::reduced::rotation::Rotation;
 
-type FreePartArrays<'py> = (
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray1<f64>>,
-);
+type FreePartArrays<'py> = (NewMatrix<'py>, NewMatrix<'py>, NewVector<'py>);
 
 /// `K`, `B`, gap and friction, condensed onto the contact set.
 #[pyclass(frozen, name = "Condensed", module = "bipot_rs._core")]
@@ -118,7 +115,7 @@ impl PyCondensed {
     }
 
     /// `W`, dense.
-    fn compliance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn compliance<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         let (dense, n) = for_either!(&self.kind, problem => {
             let n = problem.components();
             memory::check("the dense compliance W", 8 * (n as u128).pow(2))?;
@@ -133,7 +130,7 @@ impl PyCondensed {
     fn sparse_compliance<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<Option<(Vec<usize>, Vec<usize>, Bound<'py, PyArray1<f64>>)>> {
+    ) -> PyResult<Option<(Vec<usize>, Vec<usize>, NewVector<'py>)>> {
         #[expect(
             clippy::redundant_closure_for_method_calls,
             reason = "the method is for one lifetime"
@@ -173,7 +170,7 @@ impl PyCondensed {
     }
 
     /// Each rigid motion at the contacts, as a row.
-    fn modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn modes<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         for_either!(&self.kind, problem => {
             let modes = problem.run(py, |_| problem.problem.modes())?;
             problem.as_rows(py, &modes)
@@ -199,7 +196,7 @@ impl PyCondensed {
         py: Python<'py>,
         states: Vec<StateArrays<'py>>,
         confirmed: Option<Vec<[Matrix<'py>; 3]>>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         for_either!(&self.kind, problem => {
             problem.displacements(py, &states, confirmed.as_deref())
         })

@@ -1,6 +1,6 @@
 //! The projection, and the settings of solvers.
 
-use numpy::{PyArray1, PyArray2};
+use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -8,7 +8,7 @@ use crate::law::cone::Status;
 use crate::law::contact_law::ContactLaw;
 use crate::law::{cone, elliptic};
 use crate::panics::caught;
-use crate::python::arrays::{self, Coefficients, LawArrays, Matrix};
+use crate::python::arrays::{self, Coefficients, LawArrays, Matrix, NewMatrix, NewVector};
 use crate::reduced::compliance;
 use crate::solver::{Method, Settings};
 use crate::tasks;
@@ -16,7 +16,7 @@ use crate::tasks;
 /// Nodes in one task: few enough for balance, many enough for the cost of a task.
 const NODES_A_TASK: usize = 4096;
 
-type Projected<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i8>>);
+type Projected<'py> = (NewMatrix<'py>, Bound<'py, PyArray1<i8>>);
 
 /// The default number of threads.
 #[pyfunction]
@@ -43,7 +43,7 @@ pub(super) fn project<'py>(
     }
 }
 
-type Isotropic<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+type Isotropic<'py> = (NewMatrix<'py>, NewVector<'py>);
 
 /// Factors `(n_c, d)` of the components in which the friction law is Coulomb's, and its
 /// coefficients.

@@ -1,6 +1,5 @@
 //! Derivatives of the steps of a load path: the contacts that close, and the systems (33), (34).
 
-use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::condensation::bodies::Loaded;
@@ -9,7 +8,7 @@ use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::Block;
 use crate::path::working_set;
-use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Indices, Matrix, NewIndices, NewMatrix, NewVector, Vector};
 use crate::python::condensed_arrays::CondensedArrays;
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
@@ -30,7 +29,7 @@ pub(super) struct PyTangentView {
 }
 
 /// Relative displacements without gaps, and the work on rigid motions.
-pub(super) type Free<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+pub(super) type Free<'py> = (NewMatrix<'py>, NewVector<'py>);
 
 /// The view of a problem with `W` of `contacts`.
 fn close<const D: usize>(
@@ -74,13 +73,13 @@ impl PyTangentView {
 
     /// Numbers of the contacts that `W` is known of, ascending.
     #[getter]
-    fn members<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+    fn members<'py>(&self, py: Python<'py>) -> PyResult<NewIndices<'py>> {
         arrays::from_indices(py, for_either!(&self.kind, view => view.members.clone()))
     }
 
     /// The diagonal of `W` of the members.
     #[getter]
-    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         fn of<const D: usize>(view: &View<D>) -> (Vec<f64>, usize) {
             let compliance = view.problem.compliance();
             let blocks: Vec<[f64; D]> = (0..compliance.contacts())
@@ -96,7 +95,7 @@ impl PyTangentView {
 
     /// Each rigid motion at the members, as a row.
     #[getter]
-    fn modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn modes<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         let modes = for_either!(&self.kind, view => {
             let modes = view.problem.modes();
             modes.iter().map(|mode| mode.as_flattened().to_vec()).collect::<Vec<_>>()
@@ -129,7 +128,7 @@ impl PyTangentView {
         py: Python<'py>,
         reaction: Matrix<'py>,
         rigid: Vector<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         fn of<const D: usize>(
             view: &View<D>,
             factors: &[f64],
@@ -162,7 +161,7 @@ impl PyTangentView {
         &self,
         py: Python<'py>,
         states: Vec<(Vector<'py>, Vector<'py>, Matrix<'py>, Vector<'py>)>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         fn of<const D: usize>(
             py: Python<'_>,
             view: &PyTangentView,
@@ -275,11 +274,7 @@ pub(super) struct PyTangentSystem {
 #[pymethods]
 impl PyTangentSystem {
     /// `dr` of the contacts and `da`, a row for each right side.
-    fn solve<'py>(
-        &self,
-        py: Python<'py>,
-        right: Matrix<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn solve<'py>(&self, py: Python<'py>, right: Matrix<'py>) -> PyResult<NewMatrix<'py>> {
         self.each(py, &right, |x| {
             self.system.solve(x);
             for (value, t) in x.iter_mut().zip(&self.factors) {
@@ -293,7 +288,7 @@ impl PyTangentSystem {
         &self,
         py: Python<'py>,
         right: Matrix<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         self.each(py, &right, |x| {
             for (value, t) in x.iter_mut().zip(&self.factors) {
                 *value *= t;
@@ -315,7 +310,7 @@ impl PyTangentSystem {
         py: Python<'py>,
         right: &Matrix<'py>,
         solve: impl Fn(&mut [f64]),
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<NewMatrix<'py>> {
         let (rows, columns) = right.as_array().dim();
         arrays::length("right", columns, self.system.order())?;
         let mut all = right.as_slice()?.to_vec();
