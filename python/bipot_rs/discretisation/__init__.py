@@ -22,14 +22,5 @@ __all__ = [
 ]
 
 __getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "bipot_rs.discretisation.estimator": (
-            "BOUND",
-            "INDICATOR",
-            "DiscretisationError",
-            "Estimator",
-            "discretisation_error",
-        ),
-    },
+    __name__, {"bipot_rs.discretisation.estimator": tuple(__all__)}
 )

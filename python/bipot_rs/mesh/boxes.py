@@ -74,39 +74,33 @@ _FACETS: dict[str, list[tuple[int, ...]]] = {
 }
 
 
-@dataclass(frozen=True)
-class Topology:
-    """Facets of a mesh, and the cells at each of them."""
+def find_facets(t: Integers, shape: str) -> tuple[Integers, Integers, Integers]:
+    """Facets of cells ``t (nodes, cells)``, those of each cell, and the cells at each facet.
 
-    # (c, facets): nodes of each facet. Facets ascend by their sorted nodes.
-    facets: Integers
-    t2f: Integers  # (f, cells): facets of each cell
-    # (2, facets): the first and the last cell at each facet; -1 instead of the last on the
-    # boundary.
-    f2t: Integers
-
-    @classmethod
-    def of(cls, t: Integers, shape: str) -> Topology:
-        """Find the facets of cells ``t (nodes, cells)``."""
-        cells = t.shape[1]
-        corners = np.hstack(
-            [t[list(corners_of_facet)] for corners_of_facet in _FACETS[shape]]
-        )
-        ascending = np.sort(corners, axis=0)
-        # Stable: among equal facets the first cell comes first.
-        order = np.lexsort(ascending[::-1])
-        facets_in_order = ascending[:, order]
-        begins = np.ones(len(order), dtype=np.bool_)
-        begins[1:] = (facets_in_order[:, 1:] != facets_in_order[:, :-1]).any(axis=0)
-        t2f = np.empty(len(order), dtype=np.int64)
-        t2f[order] = np.cumsum(begins) - 1
-        first = order[begins]
-        last = order[np.append(begins[1:], True)]
-        f2t = np.stack([first % cells, last % cells]).astype(np.int32)
-        f2t[1, first == last] = -1
-        # The nodes of a quadrilateral must stay in their order around it.
-        nodes = corners if shape == "hexahedron" else ascending
-        return cls(np.ascontiguousarray(nodes[:, first]), t2f.reshape(-1, cells), f2t)
+    Returns ``facets (c, facets)``: nodes of each facet; facets ascend by their sorted nodes.
+    Returns ``t2f (f, cells)``: facets of each cell.
+    Returns ``f2t (2, facets)``: the first and the last cell at each facet; -1 instead of the
+    last on the boundary.
+    """
+    cells = t.shape[1]
+    corners = np.hstack(
+        [t[list(corners_of_facet)] for corners_of_facet in _FACETS[shape]]
+    )
+    ascending = np.sort(corners, axis=0)
+    # Stable: among equal facets the first cell comes first.
+    order = np.lexsort(ascending[::-1])
+    facets_in_order = ascending[:, order]
+    begins = np.ones(len(order), dtype=np.bool_)
+    begins[1:] = (facets_in_order[:, 1:] != facets_in_order[:, :-1]).any(axis=0)
+    t2f = np.empty(len(order), dtype=np.int64)
+    t2f[order] = np.cumsum(begins) - 1
+    first = order[begins]
+    last = order[np.append(begins[1:], True)]
+    f2t = np.stack([first % cells, last % cells]).astype(np.int32)
+    f2t[1, first == last] = -1
+    # The nodes of a quadrilateral must stay in their order around it.
+    nodes = corners if shape == "hexahedron" else ascending
+    return np.ascontiguousarray(nodes[:, first]), t2f.reshape(-1, cells), f2t
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +114,10 @@ class BoxMesh:
     kind: Kind  # kind of the cells
     p: Floats  # (d, nodes): positions of the nodes [m]
     t: Integers  # (c, cells): nodes of each cell
-    topology: Topology = field(repr=False)
+    # As `find_facets` returns them.
+    facets: Integers = field(repr=False)
+    t2f: Integers = field(repr=False)
+    f2t: Integers = field(repr=False)
     # Facets of each named surface.
     boundaries: Mapping[str, Integers] = field(default_factory=dict)
 
@@ -132,21 +129,6 @@ class BoxMesh:
     def nelements(self) -> int:
         """Number of cells."""
         return int(self.t.shape[1])
-
-    @property
-    def facets(self) -> Integers:
-        """`Topology.facets`."""
-        return self.topology.facets
-
-    @property
-    def t2f(self) -> Integers:
-        """`Topology.t2f`."""
-        return self.topology.t2f
-
-    @property
-    def f2t(self) -> Integers:
-        """`Topology.f2t`."""
-        return self.topology.f2t
 
     def boundary_facets(self) -> Integers:
         """Numbers of the facets with one cell, ascending."""
@@ -201,7 +183,7 @@ def _divide_grid(grids: Sequence[Floats], shape: str) -> BoxMesh:
         for corners_of_piece in _PIECES[shape]
     ]
     t = np.ascontiguousarray(np.hstack(pieces))
-    return BoxMesh(FIRST[shape], p, t, Topology.of(t, shape))
+    return BoxMesh(FIRST[shape], p, t, *find_facets(t, shape))
 
 
 def box(axes: Sequence[ArrayLike], cell: str) -> ElementMesh:

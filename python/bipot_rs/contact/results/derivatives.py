@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar
 
@@ -20,6 +21,7 @@ L = TypeVar("L", contravariant=True)
 G = TypeVar("G", covariant=True)
 
 
+@dataclass(eq=False, repr=False)
 class Tangent:
     """Directional derivatives of the results of a load path, stacked as in `Result`.
 
@@ -32,19 +34,11 @@ class Tangent:
         the direction alone.
     """
 
-    def __init__(
-        self,
-        reaction: Floats,
-        relative_displacement: Floats,
-        slip: Floats,
-        one_sided: Bools,
-        displacement: Callable[[], Floats],
-    ) -> None:
-        self.reaction = reaction
-        self.relative_displacement = relative_displacement
-        self.slip = slip
-        self.one_sided = one_sided
-        self._recover = displacement
+    reaction: Floats
+    relative_displacement: Floats
+    slip: Floats
+    one_sided: Bools
+    _recover: Callable[[], Floats]
 
     @cached_property
     def displacement(self) -> Floats:
@@ -197,6 +191,7 @@ class Gradient:
         return model.gradient(self, loads)
 
 
+@dataclass(eq=False, repr=False)
 class ReducedTangent:
     """Directional derivatives of the solution of a `ReducedProblem`.
 
@@ -207,12 +202,9 @@ class ReducedTangent:
         As in `Tangent`.
     """
 
-    def __init__(
-        self, reaction: Floats, relative_displacement: Floats, one_sided: Bools
-    ) -> None:
-        self.reaction = reaction
-        self.relative_displacement = relative_displacement
-        self.one_sided = one_sided
+    reaction: Floats
+    relative_displacement: Floats
+    one_sided: Bools
 
 
 class ReducedGradient:
