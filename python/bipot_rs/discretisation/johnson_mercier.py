@@ -19,22 +19,13 @@ from bipot_rs._lib.types import Floats
 def stress(edges: Floats, gradients: Floats, moments: Floats) -> Floats:
     """Stress of each simplex from the moments of its facet tractions.
 
-    Parameters
-    ----------
-    edges
-        ``(cells, d, d)``, column k the edge from corner 0 to corner k + 1 [m].
-    gradients
-        ``(cells, d + 1, d)``, of the barycentric coordinates [1/m].
-    moments
-        ``(cells, d + 1, d + 1, d)``, entry ``[k, a]`` the integral of φ_a times the
-        outward traction over the facet opposite to corner k; ``[k, k]`` is not read.
-        They must balance a constant body force.
-
-    Returns
-    -------
-    stress : (cells, d + 1, d + 1, d, d)
-        Entry ``[k, a]``: in part k, at the facet opposite to corner k, the value at corner
-        a; for a = k the value at the centre.
+    ``edges``: ``(cells, d, d)``, column k the edge from corner 0 to corner k + 1 [m].
+    ``gradients``: ``(cells, d + 1, d)``, of the barycentric coordinates [1/m].
+    ``moments``: ``(cells, d + 1, d + 1, d)``, entry ``[k, a]`` the integral of φ_a times the
+    outward traction over the facet opposite to corner k; ``[k, k]`` is not read. They must
+    balance a constant body force.
+    Returns ``stress (cells, d + 1, d + 1, d, d)``: entry ``[k, a]``: in part k, at the facet
+    opposite to corner k, the value at corner a; for a = k the value at the centre.
     """
     # σ = J Ŝ Jᵀ/det J preserves symmetry, continuity of tractions and divergence; a force
     # on a facet is multiplied by J.

@@ -75,11 +75,8 @@ class _Section:
 def read(path: Path) -> Content:
     """Read a file; keywords that do not concern the mesh are ignored.
 
-    Raises
-    ------
-    ValueError
-        A line is invalid or not supported; the message gives its number. The file has
-        shells but no solids.
+    Raises `ValueError`: a line is invalid or not supported; the message gives its number. The
+    file has shells but no solids.
     """
     return _Reader(path).content
 

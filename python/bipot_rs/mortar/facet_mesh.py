@@ -116,12 +116,9 @@ def bases(normals: Floats) -> Floats:
 def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> FacetMesh:
     """Check the points ``what`` and the facets ``name``, as messages call them.
 
-    Raises
-    ------
-    ValueError
-        Shapes do not fit, nodes are out of range or repeated in a facet, facets have no
-        area, are folded, or have normals opposite to those of their neighbours. The
-        message gives the index of the facet.
+    Raises `ValueError`: shapes do not fit, nodes are out of range or repeated in a facet,
+    facets have no area, are folded, or have normals opposite to those of their neighbours. The
+    message gives the index of the facet.
     """
     x = vectors(what, points, rows="n")
     nodes = _facets(name, facets, len(x))

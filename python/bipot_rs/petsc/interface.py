@@ -13,16 +13,11 @@ from bipot_rs._lib.types import Communicator, Floats, Integers, Ints, PetscVec
 class Interface:
     """The degrees of freedom of all nodes that a contact touches.
 
-    Attributes
-    ----------
-    dofs
-        Number of each place of the interface in K, ascending: ``d`` places for a node.
-    own
-        The places that this rank owns.
-    rows
-        Their rows in the part of this rank.
-    gathers
-        Number of gathers so far. Each is one message of ``8 len(dofs)`` bytes to every rank.
+    ``dofs``: number of each place of the interface in K, ascending: ``d`` places for a node.
+    ``own``: the places that this rank owns.
+    ``rows``: their rows in the part of this rank.
+    ``gathers``: number of gathers so far. Each is one message of ``8 len(dofs)`` bytes to every
+    rank.
     """
 
     def __init__(

@@ -34,12 +34,10 @@ def load() -> Library:
     If petsc4py is not on the path, but in a folder of ``PETSC_DIR`` or of Debian, the folder
     is added to the path.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        One of them is not installed; the message says how to install it.
-    ImportError
-        One of them cannot be imported; the message says why, and what to change.
+    Raises `ModuleNotFoundError`: one of them is not installed; the message says how to install
+    it.
+    Raises `ImportError`: one of them cannot be imported; the message says why, and what to
+    change.
     """
     try:
         MPI = importlib.import_module("mpi4py.MPI")
