@@ -21,11 +21,8 @@ def surface_names(model: Assembly) -> list[str]:
 def surface_labels(model: Assembly) -> dict[str, AnyArray]:
     """The surface of each contact, in the form that a result stores.
 
-    Returns
-    -------
-    dict
-        ``surface (n_c,)``, indices into ``surface_names``; in 3D also ``facets``, as
-        `contact_facets`.
+    Returns ``surface (n_c,)``, indices into ``surface_names``; in 3D also ``facets``, as
+    `contact_facets`.
     """
     found = {
         "surface": model.group,
@@ -53,12 +50,10 @@ def contact_facets(model: Assembly) -> Ints:
 def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
     """Facets whose nodes are all contacts, as cells with contacts as nodes.
 
-    Returns
-    -------
-    list of (kind, corners)
-        Kind in VTK's names, such as ``"line"``, ``"triangle"``, ``"quad8"``, and indices
-        of contacts ``(m, nodes)`` in the order of VTK; in 3D counter-clockwise seen from
-        outside the body. Contacts on no such facet follow as ``("vertex", (m, 1))``.
+    Returns ``list of (kind, corners)``: kind in VTK's names, such as ``"line"``,
+    ``"triangle"``, ``"quad8"``, and indices of contacts ``(m, nodes)`` in the order of VTK; in
+    3D counter-clockwise seen from outside the body. Contacts on no such facet follow as
+    ``("vertex", (m, 1))``.
     """
     found: dict[str, list[Ints]] = {}
     alone = np.ones(len(model.points), dtype=np.bool_)

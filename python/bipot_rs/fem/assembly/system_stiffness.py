@@ -23,21 +23,12 @@ def system_stiffness(
 ) -> CsrMatrix:
     """K of (1), CSR ``(n, n)``, block diagonal and bitwise symmetric; or some of its rows.
 
-    Parameters
-    ----------
-    bodies, springs, inclined
-        As in `Assembly`.
-    nodes
-        Ascending numbers of nodes, counted body after body ``(m,)``: the result has their
-        rows, ``(d m, n)``, with the bits of the whole K. The default is all nodes.
-    rigid
-        Names of bodies that move as rigid ones, which only springs resist. Their own
-        stiffness would leave its rounding in ``Tᵀ K T``.
-
-    Raises
-    ------
-    ValueError
-        A body or surface of a spring does not exist, or a cell is folded.
+    ``bodies, springs, inclined``: as in `Assembly`.
+    ``nodes``: ascending numbers of nodes, counted body after body ``(m,)``: the result has
+    their rows, ``(d m, n)``, with the bits of the whole K. The default is all nodes.
+    ``rigid``: names of bodies that move as rigid ones, which only springs resist. Their own
+    stiffness would leave its rounding in ``Tᵀ K T``.
+    Raises `ValueError`: a body or surface of a spring does not exist, or a cell is folded.
     """
     owners = [bodies[spring.body] for spring in springs]
     dim, blocks = bodies.dim, []

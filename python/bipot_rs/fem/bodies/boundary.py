@@ -93,10 +93,7 @@ def spring_stiffness(body: Body, spring: Spring) -> CsrMatrix:
 def plane_of(body: Body, symmetry: Symmetry) -> tuple[Ints, int | None, Floats]:
     """Nodes of a plane of symmetry, the axis of its normal or None, and its unit normal.
 
-    Raises
-    ------
-    ValueError
-        The surface is not plane.
+    Raises `ValueError`: the surface is not plane.
     """
     nodes = body.nodes(symmetry.surface)
     places = body.points[nodes]

@@ -14,21 +14,11 @@ from bipot_rs.fem.bodies.body import Body
 
 @dataclass(frozen=True)
 class NumberedBody:
-    """A body with the degrees of freedom ``first + dim * node + component``.
+    """A body with the degrees of freedom ``first + dim * node + component``."""
 
-    Attributes
-    ----------
-    body
-        The body.
-    index
-        Its index in the model.
-    first
-        Its first degree of freedom.
-    """
-
-    body: Body
-    index: int
-    first: int
+    body: Body  # the body
+    index: int  # its index in the model
+    first: int  # its first degree of freedom
 
     @property
     def span(self) -> slice:
@@ -74,10 +64,7 @@ class NumberedBodies(dict[str, NumberedBody]):
 def number_bodies(bodies: Sequence[Body]) -> NumberedBodies:
     """Number the degrees of freedom, body after body.
 
-    Raises
-    ------
-    ValueError
-        There is no body, names repeat, or dimensions differ.
+    Raises `ValueError`: there is no body, names repeat, or dimensions differ.
     """
     if not bodies:
         raise ValueError("bodies is empty, expected at least one")

@@ -31,40 +31,24 @@ _GONE = 1e-14
 
 @dataclass(frozen=True)
 class Planes:
-    """Planes in which nodes stay, as matrices; the `Held` of a contact problem.
+    """Planes in which nodes stay, as matrices; the `Held` of a contact problem."""
 
-    Attributes
-    ----------
-    normals : sparse (n, k)
-        Q, without the components that supports prescribe.
-    within : sparse (n, n)
-        P.
-    given : sparse (m, n)
-        The weighted sums of prescribed components that must be zero, a row for each node
-        and plane.
-    fixed : (fixed,)
-        Prescribed degrees of freedom.
-    nodes : (nodes, d)
-        Positions of all nodes [m].
-    """
-
+    # Sparse (n, k): Q, without the components that supports prescribe.
     normals: CsrMatrix = field(repr=False)
-    within: CsrMatrix = field(repr=False)
+    within: CsrMatrix = field(repr=False)  # sparse (n, n): P
+    # Sparse (m, n): the weighted sums of prescribed components that must be zero, a row for
+    # each node and plane.
     given: CsrMatrix = field(repr=False)
-    fixed: Ints = field(repr=False)
-    nodes: Floats = field(repr=False)
+    fixed: Ints = field(repr=False)  # (fixed,): prescribed degrees of freedom
+    nodes: Floats = field(repr=False)  # (nodes, d): positions of all nodes [m]
 
     def stiffness(self, K: CsrMatrix, rows: Ints | None = None) -> CsrMatrix:
         """``P K P + Q A Qᵀ``, bitwise symmetric if K is.
 
-        Parameters
-        ----------
-        K
-            Stiffness ``(n, n)``, or its ``rows``.
-        rows
-            Ascending numbers of the rows that K holds, all degrees of freedom of some
-            nodes. The result holds these rows, with the bits of the whole matrix if K is
-            bitwise symmetric.
+        ``K``: stiffness ``(n, n)``, or its ``rows``.
+        ``rows``: ascending numbers of the rows that K holds, all degrees of freedom of some
+        nodes. The result holds these rows, with the bits of the whole matrix if K is bitwise
+        symmetric.
         """
         P, Q = self.within, self.normals
         own_P, own_Q = P, Q
@@ -106,14 +90,9 @@ class Planes:
     def tangents(self, frame: Floats, first: Ints, within: Bools) -> Floats:
         """Turn frames ``(n_c, 3, 3)`` so that t2 is normal to the plane of their node.
 
-        Parameters
-        ----------
-        frame
-            The frames; those that need no change stay bitwise the same.
-        first
-            First degree of freedom of the node of each contact.
-        within
-            ``(n_c,)``, whose tangents may be turned.
+        ``frame``: the frames; those that need no change stay bitwise the same.
+        ``first``: first degree of freedom of the node of each contact.
+        ``within``: ``(n_c,)``, whose tangents may be turned.
         """
         turned = frame.copy()
         normals = sparse.csr_array(self.normals)
@@ -176,13 +155,9 @@ def make_planes(
 ) -> Planes | None:
     """Combine the planes of all nodes; None without any.
 
-    Parameters
-    ----------
-    groups
-        First degrees of freedom of nodes ``(m,)``, and the unit normal ``(d,)`` of their
-        plane.
-    fixed, nodes
-        As in `Planes`.
+    ``groups``: first degrees of freedom of nodes ``(m,)``, and the unit normal ``(d,)`` of
+    their plane.
+    ``fixed, nodes``: as in `Planes`.
     """
     dim = nodes.shape[1]
     prescribed = np.zeros(nodes.size, np.bool_)
