@@ -144,8 +144,9 @@ def describe_forces(reaction: Floats, frame: Floats | None = None) -> str:
     ``reaction``: ``(n_c, d)``, normal first.
     ``frame``: rows ``n, t1[, t2]`` of each contact, ``(n_c, d, d)``. Without them friction is
     summed as if the tangents of all contacts were the same.
-    ``>>> describe_forces(np.array([[3.0, 1.0], [1.0, 1.0]]))``.
-    ``'normal 4 in total, friction 2 (50 %)'``.
+
+    >>> describe_forces(np.array([[3.0, 1.0], [1.0, 1.0]]))
+    'normal 4 in total, friction 2 (50 %)'
     """
     press = float(reaction[:, 0].sum())
     if frame is None:
