@@ -183,6 +183,11 @@ class Estimator:
                 "the case has initial strains: the discretisation error does not support "
                 "them"
             )
+        if any(acting.load and acting.load.within is not None for acting in case.loads):
+            raise ValueError(
+                "the case has a load within ranges: the discretisation error supports loads of "
+                "whole facets only, name its part as a surface"
+            )
         if model.springs:
             raise ValueError(
                 "the model has springs: the discretisation error cannot be computed with "

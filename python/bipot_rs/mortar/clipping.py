@@ -31,12 +31,12 @@ def clip(subject: Floats, by: Floats) -> Floats:
         size = np.abs(offset).sum(axis=2).max(axis=1, keepdims=True)
         # A row of corners on the edge must not cross it back and forth by rounding.
         height[np.abs(height) <= _ON * size * np.abs(edge).sum(axis=2)] = 0.0
-        polygon = _half(polygon, height)
+        polygon = keep_half(polygon, height)
     return polygon
 
 
-def _half(polygon: Floats, height: Floats) -> Floats:
-    """Part of each polygon with non-negative height."""
+def keep_half(polygon: Floats, height: Floats) -> Floats:
+    """Part of each polygon with non-negative height, which is that of its corners, ``(m, v)``."""
     inside = height >= 0
     following = np.roll(height, -1, axis=1)
     crosses = inside != (following >= 0)

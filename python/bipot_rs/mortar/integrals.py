@@ -43,7 +43,7 @@ the patch test.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +54,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.mortar.clipping import (
     clip,
     find_overlapping_boxes,
+    keep_half,
     triangle_rule,
     triangles,
 )
@@ -213,6 +214,39 @@ def whole(slave: FacetMesh) -> Overlaps:
     return Overlaps(s, none, slave.flat, None)
 
 
+def cut(
+    slave: FacetMesh, ranges: Mapping[int, tuple[float, float]], slack: Floats
+) -> tuple[Ints, Overlaps]:
+    """Facets inside ranges of coordinates by axis, and the parts of those that an end cuts.
+
+    ``slack``: distance from an end, along each axis, that is rounding.
+    """
+    first = slave.points[slave.corners[:, :1]]
+    if slave.dim == 2:
+        polygons = np.tile([[0.0, 0.0], [1.0, 0.0]], (len(first), 1, 1))
+        along = slave.points[slave.corners[:, 1:2]] - first
+        axes = np.concatenate([along, np.zeros_like(along)], axis=1)
+    else:
+        polygons, first, axes = slave.flat, slave.centre[:, None], slave.bases
+    inside = np.ones(len(first), np.bool_)
+    for axis, ends in ranges.items():
+        for end, sign in zip(ends, (1.0, -1.0), strict=True):
+            corners = sign * (slave.points[slave.corners, axis] - end)
+            inside &= (corners >= -slack[axis]).all(axis=1)
+            at = first[..., axis] + np.einsum("mvk,mk->mv", polygons, axes[..., axis])
+            height = sign * (at - end)
+            height[np.abs(height) <= slack[axis]] = 0.0
+            polygons = keep_half(polygons, height)
+    none = np.zeros(0, dtype=np.int64)
+    if slave.dim == 2:
+        polygons = np.sort(polygons[..., 0], axis=1)[:, [0, -1]]
+        size = (polygons[:, 1] - polygons[:, 0]) * slave.size
+    else:
+        size = _areas(polygons)
+    s = np.flatnonzero(~inside & (size > _SLIVER * slave.size))
+    return np.flatnonzero(inside), Overlaps(s, none, polygons[s], None)
+
+
 def _areas(polygons: Floats) -> Floats:
     x, y = polygons[..., 0], polygons[..., 1]
     following = np.roll(polygons, -1, axis=1)
@@ -247,7 +281,9 @@ def integrate(
     coupling = np.zeros((count, c, 0 if master is None else master.kind.nodes))
     gap: list[Floats] = []
     corner = CORNER_SHAPES[c]
-    for part, xi, eta, weight in _points(slave, over, master, clearance is not None):
+    for part, xi, eta, weight in gauss_points(
+        slave, over, master, clearance is not None
+    ):
         N = corner(xi)
         weighted = N * weight[..., None]
         np.add.at(mass, part, np.einsum("tqi,tqj->tij", weighted, N))
@@ -344,7 +380,7 @@ def _values(function: Places, places: Floats) -> list[Floats]:
     return [field.reshape(places.shape[:-1]) for field in fields]
 
 
-def _points(
+def gauss_points(
     slave: FacetMesh, over: Overlaps, master: FacetMesh | None, function: bool
 ) -> Iterator[tuple[Ints, Floats, Floats | None, Floats]]:
     """Gauss points, for a limited number of intersections at a time.

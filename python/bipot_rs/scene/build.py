@@ -12,7 +12,7 @@ import numpy as np
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.assembly.assembly import Assembly, Support
-from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.body import Body, Box
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surfaces
 from bipot_rs.fem.bodies.loads import Load, PointLoad
 from bipot_rs.fem.bodies.materials import Elastic
@@ -30,7 +30,7 @@ from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import Known, inconsistencies
 from bipot_rs.scene.schema.contact import Rigid
 from bipot_rs.scene.schema.load import InitialStrain
-from bipot_rs.scene.schema.mesh import Block, Place
+from bipot_rs.scene.schema.mesh import Block, Place, Within
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import Varying
 
@@ -120,8 +120,7 @@ def _find_surface(mesh: ElementMesh, name: str, table: Place) -> Ints:
     """Facets of a surface that the scene defines by geometry."""
     if name in (mesh.boundaries or {}):
         raise ValueError("the mesh has a surface of this name, choose another name")
-    within = None if table.within is None else table.within.box()
-    return surface(mesh, within, table.normal, table.angle)
+    return surface(mesh, _box_of(table.within), table.normal, table.angle)
 
 
 def _make_material(scene: Scene, block: Block) -> Elastic | dict[str, Elastic]:
@@ -191,7 +190,7 @@ def make_contacts(scene: Scene, motions: Mapping[str, Motion | None]) -> list[Co
                 plane=(c.plane.point, c.plane.normal) if c.plane else None,
                 against=split(c.other) if c.other else None,
                 clearance=c.clearance.at,
-                within=c.within.box() if c.within else None,
+                within=_box_of(c.within),
                 axis=c.axis,
                 pairing=c.pairing,
                 name=c.name or "",
@@ -212,7 +211,7 @@ def make_supports(scene: Scene) -> list[Support]:
             split(s.on)[0],
             split(s.on)[1] or None,
             tuple(s.components()),
-            s.within.box() if s.within else None,
+            _box_of(s.within),
             s.at,
         )
         for s in scene.support
@@ -234,7 +233,7 @@ def make_remotes(scene: Scene) -> list[Remote]:
                 components=tuple(settings.get("move", ())),
                 rotations=tuple(settings.get("turn", ())),
                 distributed=table.distributed,
-                within=table.within.box() if table.within else None,
+                within=_box_of(table.within),
             )
         )
     return remotes
@@ -299,9 +298,11 @@ def _make_body_loads(
     unit = np.eye(dim)
     for traction in scene.traction:
         for k, number in traction.components().items():
-            yield Load(*split(traction.on), traction=unit[k]), number
+            part = _box_of(traction.within)
+            yield Load(*split(traction.on), traction=unit[k], within=part), number
     for pressure in scene.pressure:
-        yield Load(*split(pressure.on), pressure=1.0), pressure
+        part = _box_of(pressure.within)
+        yield Load(*split(pressure.on), pressure=1.0, within=part), pressure
     for force in scene.body_force:
         for k, number in force.components().items():
             yield Load(force.on, force=unit[k]), number
@@ -328,6 +329,10 @@ def _make_point_loads(
         for k, number in settings.get("moment", {}).items():
             axis = np.eye(3)[k] if dim == 3 else np.ones(1)
             yield PointLoad(name, moment=axis), number
+
+
+def _box_of(within: Within | None) -> Box | None:
+    return None if within is None else within.box()
 
 
 def split(on: str) -> tuple[str, str]:

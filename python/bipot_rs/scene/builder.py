@@ -254,11 +254,17 @@ class Model:
         self._add_to_list("spring", on, table)
 
     def traction(self, on: str, **table: object) -> None:
-        """Add a force per area on a surface: ``x``, ``y``, ``z``."""
+        """Add a force per area on a surface: ``x``, ``y``, ``z``.
+
+        ``within``, ranges of coordinates, selects a part of the surface, also of a facet.
+        """
         self._add_to_list("traction", on, table)
 
     def pressure(self, on: str, value: object, **table: object) -> None:
-        """Add a pressure on a surface, positive inwards: a number, or `times`."""
+        """Add a pressure on a surface, positive inwards: a number, or `times`.
+
+        ``within`` selects a part, as in `traction`.
+        """
         keys = dict(value) if isinstance(value, Mapping) else {"value": value}
         self._add_to_list("pressure", on, keys | table)
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.exit_codes import NO_ANSWER, SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, print_summary
+
+if TYPE_CHECKING:
+    from bipot_rs.scene.case import Case
 
 SUMMARY = (
     "Check a scene: report its mistakes, its size, memory and time. Does not solve."
@@ -47,7 +50,8 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     the memory of a rank of engine petsc, None where a body floats; ``floating``, a message on
     motions that neither supports nor contact can prevent, or on loads that contact cannot
     carry, or None; ``held_by_contact``, names of bodies without support and spring;
-    ``remarks``, a list of messages; and ``lines`` for a terminal.
+    ``remarks``, a list of messages; ``loads``, the area of each traction and pressure; and
+    ``lines`` for a terminal.
     Raises `SceneError`: all mistakes of the scene.
     Raises `MemoryError`: the assembly does not fit into the free memory.
     """
@@ -71,6 +75,9 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         floating = [unbalanced]
     loose = list_unsupported(model)
     steps = len(case.parameter)
+    loads = _find_loaded_areas(case)
+    unit = f" {scene.units.length}²" if scene.units.length else ""
+    areas = ", ".join(f"{title} ({area:.6g}{unit})" for title, area in loads)
     title = [scene.title] if scene.title else []
     cost, forecast = [], None
     if several:
@@ -93,9 +100,11 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         "floating": "; ".join(floating) or None,
         "held_by_contact": loose,
         "remarks": remarks,
+        "loads": [{"load": title, "area": area} for title, area in loads],
         "lines": [
             *title,
             *cost_forecast.sizes(model, steps),
+            *([f"  loads     {areas}"] if areas else []),
             *(
                 [f"  loose     {', '.join(loose)}: held by contact alone"]
                 if loose
@@ -105,3 +114,14 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
             *cost_forecast.list_remarks(remarks),
         ],
     }
+
+
+def _find_loaded_areas(case: Case) -> list[tuple[str, float]]:
+    """Title and area of each traction and pressure, whose components are one."""
+    areas = {}
+    for load in (acting.load for acting in case.loads):
+        if load is not None and load.surface is not None:
+            title = f"{load.kind} on {load.body}.{load.surface}"
+            body = case.model.numbered[load.body].body
+            areas[title, str(load.within)] = load.area(body)
+    return [(title, area) for (title, _), area in areas.items()]

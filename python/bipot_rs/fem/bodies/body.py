@@ -6,7 +6,7 @@ Shape functions, quadrature and mappings are those of scikit-fem.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -39,8 +39,8 @@ class Quadrature:
     ----------
     corners : (parts, c)
         Nodes of each cell or facet.
-    phi : (c, q)
-        Shape functions at the points, the same on every cell or facet.
+    phi : (c, q) or (parts, c, q)
+        Shape functions at the points, the same on every cell or facet, or of each.
     places : (d, parts, q)
         Positions of the points [m].
     weights : (parts, q)
@@ -61,9 +61,21 @@ class Quadrature:
 
     __repr__ = short_repr
 
+    def some(self, chosen: Ints) -> Quadrature:
+        """That of some of the cells or facets."""
+        normals = self.normals
+        return replace(
+            self,
+            corners=self.corners[chosen],
+            places=self.places[:, chosen],
+            weights=self.weights[chosen],
+            normals=None if normals is None else normals[:, chosen],
+        )
+
     def moment(self, density: Floats) -> Floats:
         """∫ φ_i density, ``(nodes,)``, with a density ``(parts, q)`` at the points."""
-        parts = np.einsum("pq,cq->pc", self.weights * density, self.phi)
+        terms = "pq,cq->pc" if self.phi.ndim == 2 else "pq,pcq->pc"
+        parts = np.einsum(terms, self.weights * density, self.phi)
         total = np.bincount(self.corners.ravel(), parts.ravel(), minlength=self.nodes)
         return np.asarray(total, dtype=np.float64)
 
@@ -232,6 +244,49 @@ class Body:
             normals=normals.transpose(1, 2, 0),
             nodes=len(self.points),
         )
+
+    def surface_parts(self, name: str, within: Box | None) -> list[Quadrature]:
+        """Quadrature on the part of a surface in ranges of coordinates, in pieces.
+
+        Facets that an end of a range cuts are those of their corners: flat, with straight edges.
+        """
+        whole = self.surface(name)
+        if within is None:
+            return [whole]
+        from bipot_rs.mortar.facet_mesh import surface, turned_outward
+        from bipot_rs.mortar.integrals import cut, gauss_points
+
+        self._within(np.zeros(0, np.int64), within, f"surface {name!r}")
+        outward = np.asarray(whole.normals).mean(axis=2).T
+        facets = turned_outward(self.points, whole.corners, outward)
+        title = f"{self.name}.{name}"
+        mesh = surface(f"points of {title}", self.points, title, facets)
+        inside, over = cut(mesh, within, 1e-9 * np.ptp(self.mesh.p, axis=1))
+        parts = [whole.some(inside)] if inside.size else []
+        for part, xi, _, weights in gauss_points(mesh, over, None, function=True):
+            facet = over.slave[part]
+            phi = mesh.kind.shapes(xi)
+            places = np.einsum("tqc,tcd->dtq", phi, self.points[facets[facet]])
+            normals = np.broadcast_to(mesh.normals[facet].T[..., None], places.shape)
+            parts.append(
+                Quadrature(
+                    corners=facets[facet],
+                    phi=phi.swapaxes(1, 2),
+                    places=places,
+                    weights=weights,
+                    normals=normals,
+                    nodes=len(self.points),
+                )
+            )
+        if not parts:
+            low, high = (
+                place(end(whole.places, axis=(1, 2))) for end in (np.min, np.max)
+            )
+            raise ValueError(
+                f"surface {name!r} of body {self.name!r} has no part within the ranges: it "
+                f"extends from {low} to {high}"
+            )
+        return parts
 
     def nodes(self, surface: str, within: Box | None = None) -> Ints:
         """Nodes of a named surface, ascending, with ``low ≤ x[axis] ≤ high`` if ``within``."""

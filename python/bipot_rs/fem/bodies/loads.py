@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.fem.bodies.body import Body, Field
+from bipot_rs.fem.bodies.body import Body, Box, Field
 from bipot_rs.fem.bodies.elasticity import nodal_forces
 from bipot_rs.fem.bodies.stress_recovery import Initial, initial_forces
 
@@ -33,6 +33,9 @@ class Load:
         `Assembly.body_force`, and ``strain`` of `Assembly.initial_strain`.
     factors
         Multiplies the load in each step, ``(steps,)``; a number for all steps.
+    within
+        Ranges of coordinates by axis, such as ``{0: (0.0, 1.0)}``: the part of the surface
+        that a traction or a pressure loads, also a part of a facet.
     """
 
     body: str
@@ -42,6 +45,7 @@ class Load:
     force: Field | None = None
     strain: Initial | None = None
     factors: ArrayLike = 1.0
+    within: Box | None = None
 
     def __post_init__(self) -> None:
         kinds_given = [name for name in _KINDS if getattr(self, name) is not None]
@@ -55,6 +59,11 @@ class Load:
             raise ValueError(
                 f"load of body {self.body!r} is a {kind}, and surface is "
                 f"{self.surface!r}: a traction or a pressure needs a surface, others none"
+            )
+        if self.within is not None and self.surface is None:
+            raise ValueError(
+                f"load of body {self.body!r} is a {kind} and has within: only a traction or a "
+                "pressure has"
             )
         if self.pressure is not None:
             number("pressure", self.pressure)
@@ -81,12 +90,18 @@ class Load:
             return initial_forces(body, self.strain)
         if self.force is not None:
             return nodal_forces(body, body.volume(), self.force)
-        points = body.surface(str(self.surface))
-        if self.traction is not None:
-            return nodal_forces(body, points, self.traction)
-        return nodal_forces(
-            body, points, -float(self.pressure or 0.0) * np.asarray(points.normals)
-        )
+        forces = np.zeros(body.points.size)
+        for points in body.surface_parts(str(self.surface), self.within):
+            value = self.traction
+            if value is None:
+                value = -float(self.pressure or 0.0) * np.asarray(points.normals)
+            forces += nodal_forces(body, points, value)
+        return forces
+
+    def area(self, body: Body) -> float:
+        """Area that a traction or a pressure loads [m²]; in 2D times the thickness."""
+        parts = body.surface_parts(str(self.surface), self.within)
+        return body.depth * float(sum(points.weights.sum() for points in parts))
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Quadrature
 from bipot_rs.fem.bodies.elasticity import nodal_forces
@@ -77,7 +75,7 @@ def _part(body: Body, remote: Remote) -> Quadrature:
     else:
         points = body.volume()
         if remote.part is not None:
-            points = _some(points, body.volume_cells(remote.part))
+            points = points.some(body.volume_cells(remote.part))
     nodes = body.members(remote.part, remote.within)
     chosen = np.flatnonzero(np.isin(points.corners, nodes).all(axis=1))
     if not chosen.size:
@@ -85,15 +83,4 @@ def _part(body: Body, remote: Remote) -> Quadrature:
             f"the remote {remote.name!r} has no facet or cell with all nodes within its "
             "ranges: widen within"
         )
-    return _some(points, chosen)
-
-
-def _some(points: Quadrature, chosen: Ints) -> Quadrature:
-    normals = points.normals
-    return replace(
-        points,
-        corners=points.corners[chosen],
-        places=points.places[:, chosen],
-        weights=points.weights[chosen],
-        normals=None if normals is None else normals[:, chosen],
-    )
+    return points.some(chosen)

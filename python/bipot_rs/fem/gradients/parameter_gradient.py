@@ -475,6 +475,12 @@ def of_gradient(
 
 
 def _refuse_function(load: Load) -> None:
+    if load.within is not None:
+        raise ValueError(
+            f"the {load.kind} on body {load.body!r} acts within ranges, which do not move with "
+            "the nodes: its derivative with respect to node coordinates is not known; name "
+            "its part as a surface instead"
+        )
     value = getattr(load, load.kind)
     each = value.values() if isinstance(value, Mapping) else [value]
     if any(callable(one) or np.ndim(one) > 2 for one in each):

@@ -271,9 +271,11 @@ def _components(scene: Scene, dim: int | None) -> Iterator[Mistake]:
     for kind in ("support", "traction", "body_force"):
         for i, entry in enumerate(getattr(scene, kind)):
             yield from _check_components(f"{kind}.{i}", entry, dim)
+    for kind in ("support", "traction", "pressure", "contact"):
+        for i, entry in enumerate(getattr(scene, kind)):
+            if entry.within is not None:
+                yield from _within(f"{kind}.{i}.within", entry.within, dim)
     for i, support in enumerate(scene.support):
-        if support.within is not None and dim == 2 and support.within.z is not None:
-            yield Mistake(f"support.{i}.within.z", _IN_SPACE)
         yield from _length(f"support.{i}.at", support.at, dim)
         if support.at is None and support.within is None and support.on in scene.body:
             yield Mistake(

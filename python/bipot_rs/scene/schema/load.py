@@ -51,15 +51,17 @@ class Foundation(Table):
 
 
 class Traction(Components):
-    """Force per area on a surface."""
+    """Force per area on a surface, or on its part ``within`` ranges of coordinates."""
 
     on: str
+    within: Within | None = None
 
 
 class Pressure(Varying):
-    """Pressure on a surface, positive inwards."""
+    """Pressure on a surface, or on its part ``within`` ranges, positive inwards."""
 
     on: str
+    within: Within | None = None
 
 
 class BodyForce(Components):
