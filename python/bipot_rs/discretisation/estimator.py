@@ -41,7 +41,6 @@ from bipot_rs.discretisation.simplices import (
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.fem.checks.free_bodies import find_free, list_motions
-from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane
 from bipot_rs.scene.case import Case
 
@@ -310,7 +309,9 @@ class Estimator:
             reasons.append(
                 "a gap that is known only at the nodes and the midpoints of edges"
             )
-        if any(not _flat(contact.obstacle) for contact in model.contacts):
+        # The gap of any other obstacle is not linear between nodes.
+        flat = Plane | None
+        if any(not isinstance(contact.obstacle, flat) for contact in model.contacts):
             reasons.append("an obstacle whose shape is known only at the nodes")
         if limit is not None:
             shear = np.linalg.norm(traction[:, 1:], axis=1)
@@ -523,11 +524,6 @@ def _quadratic(clearance: object) -> bool:
     if not callable(clearance):
         return True
     return getattr(getattr(clearance, "__self__", None), "QUADRATIC", False)
-
-
-def _flat(obstacle: Obstacle | None) -> bool:
-    """Whether the gap is linear between nodes."""
-    return obstacle is None or isinstance(obstacle, Plane)
 
 
 class _Elastic:

@@ -291,7 +291,9 @@ class _Functions:
         ]
 
         def apply(rest: Floats) -> Floats:
-            parts = self._split_amounts(rest)
+            k = self.own.shape[-1]
+            cut = len(self.own) * k
+            parts = rest[:cut].reshape(-1, k), rest[cut:].reshape(self.rings, -1)
             solved = [
                 np.matmul(i, p[..., None]).ravel()
                 for i, p in zip(inverse, parts, strict=True)
@@ -299,11 +301,6 @@ class _Functions:
             return np.concatenate(solved)
 
         return apply
-
-    def _split_amounts(self, amounts: Floats) -> tuple[Floats, Floats]:
-        k = self.own.shape[-1]
-        cut = len(self.own) * k
-        return amounts[:cut].reshape(-1, k), amounts[cut:].reshape(self.rings, -1)
 
 
 def _spins(dim: int) -> Floats:

@@ -234,7 +234,9 @@ def _of_meshio(path: Path, suffix: str, source: Path) -> Content:
         _add_groups(source, file, read)
     else:
         for name, parts in read.cell_sets.items():
-            file.sets[name] = [_numbers(part) for part in parts]
+            file.sets[name] = [
+                np.asarray([] if part is None else part, np.int64) for part in parts
+            ]
     _add_tags(file, read)
     return file
 
@@ -246,10 +248,6 @@ def _hint(why: str) -> str:
     if "parametric" in why:
         return ": save it in version 4.1, without Mesh.SaveParametric"
     return ""
-
-
-def _numbers(part: object) -> Ints:
-    return np.zeros(0, np.int64) if part is None else np.asarray(part, dtype=np.int64)
 
 
 def _add_groups(path: Path, file: Content, read: _MeshioMesh) -> None:
@@ -361,7 +359,10 @@ def _mesh(
             f"the mesh {path} has a node of cell {bad[0]} whose coordinates are not finite"
         )
     points = _plane(path, file.points, cells) if top == 2 else file.points
-    mesh, number = _make_mesh_of_cells(path, kind, points, cells)
+    try:
+        mesh, number = make_mesh(kind, points, cells)
+    except ValueError as error:
+        raise ValueError(f"the mesh {path}: {error}") from None
     node = np.full(len(file.points), -1, dtype=np.int64)
     node[number] = np.arange(len(number))
     subdomains = {}
@@ -461,15 +462,6 @@ def _plane(path: Path, points: Floats, cells: Ints) -> Floats:
             f"cells{_no_cells(path)}"
         )
     return np.ascontiguousarray(points[:, :2])
-
-
-def _make_mesh_of_cells(
-    path: Path, kind: str, points: Floats, cells: Ints
-) -> tuple[ElementMesh, Ints]:
-    try:
-        return make_mesh(kind, points, cells)
-    except ValueError as error:
-        raise ValueError(f"the mesh {path}: {error}") from None
 
 
 def _surfaces(

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import count_noun
+from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr
 from bipot_rs.contact import tuning
@@ -113,7 +113,7 @@ def _find_penetration(
         if places_of_nodes is None
         else f", {100 * depth / size:.2g} % of the size of the model"
     )
-    where = "" if points is None else f" at {_format_place(points[deepest])}"
+    where = "" if points is None else f" at {place(points[deepest])}"
     yield (
         f"{inside.size} of the {count_noun(len(gap), 'contact')} penetrate at the start, most "
         f"of all contact {deepest}{where}, by {depth:g}{share}: the first step pushes them "
@@ -222,7 +222,3 @@ def _find_long_slip(steps: Sequence[Step], x: Floats) -> Iterator[str]:
             "extent of all contacts. Such slips are outside the small-displacement theory: do "
             "not use this result, or check the units"
         )
-
-
-def _format_place(x: Floats) -> str:
-    return f"({', '.join(f'{c:.4g}' for c in x)})"

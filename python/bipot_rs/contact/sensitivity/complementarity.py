@@ -206,15 +206,13 @@ class BorderProblem:
             return None
         return np.asarray(np.linalg.solve(matrix, right), np.float64)
 
-    def _find_normal(self, j: int) -> float:
-        """``r_n``, which is zero at a contact that just touches."""
-        return float(self.point.reaction[self.at[j], 0]) if self.yielding[j] else 0.0
-
     def _find_excess(self, j: int, dr: Floats) -> float:
         """``d(r_n - ‖D⁻¹ r_t‖)`` of a contact at the friction limit."""
         i = self.at[j]
         D, p = self.point.friction[i], self.direction[i]
-        grown = dr[1:] / D + self._find_normal(j) * p * self.of.friction[i] / D
+        # Zero at a contact that just touches.
+        r_n = float(self.point.reaction[i, 0]) if self.yielding[j] else 0.0
+        grown = dr[1:] / D + r_n * p * self.of.friction[i] / D
         return float(dr[0] + p @ grown)
 
     def _choose_sides(self, z: Floats) -> list[Side]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
@@ -124,17 +124,14 @@ class LinearPath:
         primal = recovery.primal() if iterative else None
         if primal is not None:
             return DisplacementResponse(primal)
-        return CondensedResponse(
-            recovery.condensed(), self._list_closed(), self.shape[0]
-        )
-
-    def _list_closed(self) -> Ints:
-        """Contacts that close, or nearly do, in some step."""
+        # Contacts that close, or nearly do, in some step.
         closed = np.zeros(self.shape[0], bool)
         for point, moved in zip(self.points, self._moved, strict=True):
             near = tuning.NEARLY_CLOSED * moved.max(initial=0.0)
             closed |= (point.status != Status.OPEN) | (point.opening <= near)
-        return np.flatnonzero(closed)
+        return CondensedResponse(
+            recovery.condensed(), np.flatnonzero(closed), self.shape[0]
+        )
 
     @property
     def one_sided(self) -> Bools:

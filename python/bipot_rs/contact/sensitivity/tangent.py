@@ -51,14 +51,12 @@ class Forward:
             self.relative_displacement[k] = self._find_displacement(k, free)
             self.slip[k] = self.relative_displacement[k, :, 1:] - before
             before = self.relative_displacement[k, :, 1:]
-            lifted = lifted + self._find_lift(k)
-
-    def _find_lift(self, k: int) -> Floats:
-        """The change of ``β ‖s‖``, by which dilatancy lifts the contacts in a step."""
-        slope, length = self._path.dilation[k]
-        lift: Floats = np.einsum("ik,ik->i", slope, self.slip[k])
-        rest = self._given.rest
-        return lift if rest is None else np.asarray(lift + length * rest[:, 1])
+            # The change of β ‖s‖, by which dilatancy lifts the contacts in a step.
+            slope, length = path.dilation[k]
+            lift = np.einsum("ik,ik->i", slope, self.slip[k])
+            if given.rest is not None:
+                lift = lift + length * given.rest[:, 1]
+            lifted = lifted + lift
 
     def _find_free_part(self, k: int) -> tuple[Floats, Floats]:
         """``dq (n_c, d)`` with the change of the gap, and ``de``."""

@@ -417,7 +417,11 @@ class _Rows:
         many = len(rows) > (1 - _core.least_balanced) * len(dofs)
         if len(held) and held.min() < CLEAR * rtol:
             raise self._refuse_resistance(dofs, off, float(held.min()))
-        left = _find_complement(combined[~free], Z[np.isin(dofs, rows)])
+        # A resisted motion is a combination of the motions of the held degrees of freedom,
+        # which the coordinates give; K gives it with its error.
+        resisted = combined[~free]
+        absent = _core.free_motions(Z[np.isin(dofs, rows)], NO_MOTION)
+        left = _core.free_motions(resisted - resisted @ absent.T @ absent).T
         if len(held) and many and not self._is_stiff(dofs, Z @ left, off):
             raise self._refuse_resistance(dofs, off, float(held.min()))
         return left, float(resistance[free].max(initial=0.0))
@@ -526,17 +530,6 @@ def _motions_of_body(direction: Ints, places: Floats, d: int) -> tuple[Floats, F
     reach = float(np.abs(arm[:, :d]).max(initial=0.0)) or 1.0
     Z = _core.rigid_motions(direction, arm, d, reach)
     return Z, np.where(direction < ABOUT, 1.0, 1.0 / reach)
-
-
-def _find_complement(resisted: Floats, moved: Floats) -> Floats:
-    """Motions orthogonal to the resisted ones, ``(m, free)``.
-
-    A resisted motion is a combination of the rows of ``moved``, the motions of the held
-    degrees of freedom. K gives it with its error, and the coordinates give these rows.
-    """
-    absent = _core.free_motions(moved, NO_MOTION)
-    within = resisted - resisted @ absent.T @ absent
-    return _core.free_motions(within).T
 
 
 def _find_least_change(G: CsrMatrix, left: Floats, reduction: float) -> Floats:

@@ -123,7 +123,11 @@ def fit(
         located &= np.isfinite(places).all(axis=1)
         places = _of_unit_size(places, located)
     n = len(pointers) - 1
-    blocks = _sample_rows(n) if sample else _blocks(pointers)
+    blocks = _blocks(pointers)
+    if sample:
+        # Ranges of rows that are spread over the matrix.
+        starts = np.linspace(0, n - _SAMPLE, _SAMPLES).astype(np.int64).tolist()
+        blocks = [(first, first + _SAMPLE) for first in starts]
     left, alone, looked = np.full(n, np.inf), np.zeros(n, bool), np.zeros(n, bool)
     with np.errstate(over="ignore", invalid="ignore"):
         for first, last in blocks:
@@ -301,12 +305,6 @@ def _blocks(pointers: Ints) -> list[tuple[int, int]]:
     ends = np.searchsorted(pointers, np.arange(_BLOCK, pointers[-1] + _BLOCK, _BLOCK))
     cuts = np.unique(np.concatenate([[0], np.minimum(ends, n), [n]])).tolist()
     return list(pairwise(cuts))
-
-
-def _sample_rows(n: int) -> list[tuple[int, int]]:
-    """Ranges of rows that are spread over the matrix."""
-    starts = np.linspace(0, n - _SAMPLE, _SAMPLES).astype(np.int64).tolist()
-    return [(first, first + _SAMPLE) for first in starts]
 
 
 def magnitude(K: CsrMatrix) -> CsrMatrix:

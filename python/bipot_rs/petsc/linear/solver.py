@@ -71,7 +71,10 @@ class LinearSolver:
 
         Whether there is one.
         """
-        self._destroy_garbage()
+        # Since 3.18, petsc4py keeps Vecs that nothing refers to until every rank calls this.
+        PETSc = self._operator.PETSc
+        if hasattr(PETSc, "garbage_cleanup"):
+            PETSc.garbage_cleanup(self._operator.K.comm)
         before, self._tangent = self._tangent, tangent
         new = (
             self._statuses is None
@@ -89,15 +92,6 @@ class LinearSolver:
                 tangent, statuses
             )
         return True
-
-    def _destroy_garbage(self) -> None:
-        """Destroy Vecs that nothing refers to; every rank calls this.
-
-        Since 3.18, petsc4py keeps them until then, because ranks must destroy them together.
-        """
-        PETSc = self._operator.PETSc
-        if hasattr(PETSc, "garbage_cleanup"):
-            PETSc.garbage_cleanup(self._operator.K.comm)
 
     def solve(
         self, b: PetscVec, tol: float, *, transposed: bool = False
