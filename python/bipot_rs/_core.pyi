@@ -738,6 +738,9 @@ class Decision:
     def relative_margin(self) -> float:
         """The margin over the mean load."""
     @property
+    def inside(self) -> bool:
+        """Whether the margin is more than rounding."""
+    @property
     def excluded(self) -> float:
         """Length of the reactions that the motion excludes, relative to the loads."""
     @property

@@ -53,6 +53,8 @@ pub struct Decision {
     pub margin: f64,
     /// The same relative to the mean load.
     pub relative_margin: f64,
+    /// Whether the margin is more than rounding.
+    pub inside: bool,
     /// Length of the reactions that the motion excludes, relative to the loads; infinite for a
     /// proof without a bound.
     pub excluded: f64,
@@ -69,6 +71,7 @@ impl Decision {
             motion: Vec::new(),
             margin,
             relative_margin: margin,
+            inside: margin > SURE,
             excluded: 0.0,
             imbalance: 0.0,
         }
@@ -105,12 +108,14 @@ pub fn decide(statics: &Statics, load: &[f64], limits: Limits) -> Result<Decisio
         }
         whole.margin = whole.margin.min(decision.margin);
         whole.relative_margin = whole.relative_margin.min(decision.relative_margin);
+        whole.inside = whole.relative_margin > SURE;
         whole.imbalance = whole.imbalance.max(decision.imbalance);
         match decision.verdict {
             Verdict::None => {
                 return Ok(Decision {
                     margin: whole.margin,
                     relative_margin: whole.relative_margin,
+                    inside: whole.inside,
                     reaction: whole.reaction,
                     ..decision
                 });
@@ -141,7 +146,8 @@ fn decide_part(
         decision.margin = margin * part.force;
         decision.relative_margin = margin;
     }
-    if margin > SURE && decision.imbalance <= BALANCED {
+    decision.inside = margin > SURE;
+    if decision.inside && decision.imbalance <= BALANCED {
         return Ok(decision);
     }
     let mut repair = Repair::new(statics, part, lengths);

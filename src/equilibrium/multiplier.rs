@@ -19,7 +19,8 @@ const BELOW: [f64; 8] = [0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-6, 1e-4, 1e-2];
 /// The largest multiplier, from both sides.
 #[derive(Clone, Debug)]
 pub struct LimitLoad {
-    /// The answer for the dead load alone. If it is not balanced, there is nothing else.
+    /// The answer for the dead load alone. If nothing balances it, there is nothing else. One
+    /// that is exactly on its limit may be undecided; a mechanism is a proof without it.
     pub dead: Decision,
     /// No reactions balance the loads above this; infinite if no bound was proved.
     pub upper: f64,
@@ -58,11 +59,14 @@ pub fn find_limit(
         excluded: f64::INFINITY,
         reached: None,
     };
-    if limit.dead.verdict != Verdict::Balanced {
+    if limit.dead.verdict == Verdict::None {
         return Ok(limit);
     }
     let forever = decide(&statics.without_cohesion(), live, limits)?;
     if forever.verdict == Verdict::Balanced {
+        if limit.dead.verdict != Verdict::Balanced {
+            return Ok(limit);
+        }
         limit.reached = Some((f64::INFINITY, forever.reaction));
         return Ok(limit);
     }
@@ -117,7 +121,9 @@ pub fn find_limit(
             return Ok(limit);
         }
     }
-    limit.reached = Some((0.0, limit.dead.reaction.clone()));
+    if limit.dead.verdict == Verdict::Balanced {
+        limit.reached = Some((0.0, limit.dead.reaction.clone()));
+    }
     Ok(limit)
 }
 

@@ -212,6 +212,7 @@ pub(super) struct PyDecision {
     motion: Py<PyArray1<f64>>,
     margin: f64,
     relative_margin: f64,
+    inside: bool,
     excluded: f64,
     imbalance: f64,
 }
@@ -224,6 +225,7 @@ impl PyDecision {
             motion: from_vec(py, decision.motion).unbind(),
             margin: decision.margin,
             relative_margin: decision.relative_margin,
+            inside: decision.inside,
             excluded: decision.excluded,
             imbalance: decision.imbalance,
         }

@@ -41,7 +41,10 @@ fn respond_rows<'py, const D: usize, const SQUARE: usize>(
 ) -> PyResult<Responses<'py>> {
     let tau = arrays::rows::<D>(tau)?;
     let points = arrays::rows_of::<7>("points", points, tau.len())?;
-    let pool = crate::threads::pool(crate::threads::count(None)?)?;
+    // One task needs no other thread.
+    let pool = (tau.len() > POINTS_A_TASK)
+        .then(|| crate::threads::pool(crate::threads::count(None)?))
+        .transpose()?;
     let mut stress = vec![[0.0; D]; tau.len()];
     let mut flow = vec![[0.0; D]; tau.len()];
     let mut jacobian = vec![[0.0; SQUARE]; tau.len()];
@@ -77,7 +80,11 @@ fn respond_rows<'py, const D: usize, const SQUARE: usize>(
                 }
             }
         };
-        caught(|| pool.install(|| tasks::for_each(parts, of_chunk)))
+        let work = || tasks::for_each(parts, of_chunk);
+        caught(|| match &pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        })
     });
     responded?;
     Ok((

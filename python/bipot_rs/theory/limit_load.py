@@ -15,6 +15,7 @@ have no cohesion: without dilatancy and without cohesion that cone is an axis.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,9 +23,10 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import CsrMatrix, Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.errors import NoEquilibriumError
+from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.proof.equilibrium import statics_of_rows
 from bipot_rs.theory.structure_state import (
     LACK_ACROSS,
@@ -33,8 +35,6 @@ from bipot_rs.theory.structure_state import (
     StructureStep,
 )
 
-# A motion of a body is rigid if it strains it by less, relative to the stiffest motion.
-_RIGID = 1e-12
 # Gaps and imbalance of this size are rounding: some hundred terms of a sum.
 _ROUNDING = 1e-13
 
@@ -95,8 +95,8 @@ def find_mechanism(structure: Assembled, load: ArrayLike) -> Floats | None:
     live = motions.T @ force
     if not live.any():
         return None
-    statics, borne = _make_statics(structure, motions, associated=True)
-    decision = statics.decide(live - borne)
+    make_statics, borne = _gather_rows(structure, motions)
+    decision = make_statics(True).decide(live - borne)
     if decision.verdict != "none":
         return None
     motion = motions @ decision.motion
@@ -124,12 +124,11 @@ def bound_load(
     live, held = motions.T @ force, motions.T @ rest
     if not live.any():
         return LimitInterval(np.inf, np.inf, None)
-    statics, borne = _make_statics(structure, motions, associated=True)
-    limit = statics.find_limit(held - borne, live)
+    make_statics, borne = _gather_rows(structure, motions)
+    limit = make_statics(True).find_limit(held - borne, live)
     if limit.dead.verdict == "none":
         return LimitInterval(-np.inf, -np.inf, motions @ limit.dead.motion)
-    statics, borne = _make_statics(structure, motions, associated=False)
-    lower = statics.find_limit(held - borne, live).reached
+    lower = make_statics(False).find_limit(held - borne, live).reached
     bounded = np.isfinite(limit.upper)
     return LimitInterval(
         lower=-np.inf if lower is None else lower,
@@ -176,64 +175,75 @@ def refuse_step(
     raise failed
 
 
-def _make_statics(
-    structure: Assembled, motions: CsrMatrix, *, associated: bool
-) -> tuple[_core.Statics, Floats]:
-    """Cones of points and contacts, with the slopes μ or β, and the load borne at the apex.
+def _gather_rows(
+    structure: Assembled, motions: CsrMatrix
+) -> tuple[Callable[[bool], _core.Statics], Floats]:
+    """What makes the cones of points and contacts, and the load borne at the apex.
 
-    A stress that balances the load is ``a`` in the mean, less a reaction in the cone.
+    The slopes of the cones are μ, or β if they are not the associated ones. A stress that
+    balances the load is ``a`` in the mean, less a reaction in the cone.
     """
-    rows, sizes, friction, cohesion = [], [], [], []
+    laws = [*(group.law for group in structure.points), structure.law]
+    blocks = [group.strain @ motions for group in structure.points]
+    # Energies are per volume at points, and those of the contacts whole.
+    weights = [group.weights for group in structure.points]
     borne = np.zeros(motions.shape[1])
-    for group in structure.points:
-        slope = group.law.mu if associated else group.law.dilatancy
-        rows.append(group.strain @ motions)
-        sizes.append(np.full(len(slope), group.d))
-        friction.append(np.repeat(slope, group.d))
-        cohesion.append(group.weights * group.law.cohesion)
-        apex = group.weights[:, None] * group.rest
-        borne += rows[-1].T @ apex.ravel()
-    (contacts, d), law = structure.shape, structure.law
-    slope = law.mu if associated else law.dilatancy
-    rows.append(structure.B @ motions)
-    sizes.append(np.full(contacts, d))
-    friction.append(np.repeat(slope, d))
-    # Contacts may break: the lower limit does without their cohesion.
-    cohesion.append(law.cohesion if associated else np.zeros(contacts))
+    for group, block in zip(structure.points, blocks, strict=True):
+        borne += block.T @ (group.weights[:, None] * group.rest).ravel()
+    contacts, d = structure.shape
+    weights.append(np.ones(contacts))
+    counts = np.repeat(
+        [*(group.d for group in structure.points), d], [len(one) for one in weights]
+    )
     # Rows of unit length for each cone: neither units nor the sizes of cells matter.
-    whole, counts = sparse.csr_array(sparse.vstack(rows)), np.concatenate(sizes)
+    whole = sparse.csr_array(sparse.vstack([*blocks, structure.B @ motions]))
     squares = whole.multiply(whole).sum(axis=1)
     ends = np.concatenate([[0], np.cumsum(counts)[:-1]])
     size = np.sqrt(np.add.reduceat(squares, ends))
     size[size == 0] = 1.0
-    statics = statics_of_rows(
-        sparse.diags_array(np.repeat(1 / size, counts)) @ whole,
-        counts,
-        np.concatenate(friction),
-        np.concatenate(cohesion) * size,
-    )
-    return statics, borne
+    rows = sparse.diags_array(np.repeat(1 / size, counts)) @ whole
+
+    def make_statics(associated: bool) -> _core.Statics:
+        slopes = [law.mu if associated else law.dilatancy for law in laws]
+        cohesion = [law.cohesion * w for law, w in zip(laws, weights, strict=True)]
+        if not associated:
+            # Contacts may break: the lower limit does without their cohesion.
+            cohesion[-1] = np.zeros(contacts)
+        friction = np.repeat(np.concatenate(slopes), counts)
+        return statics_of_rows(rows, counts, friction, np.concatenate(cohesion) * size)
+
+    return make_statics, borne
 
 
 def _find_motions(structure: Assembled) -> CsrMatrix:
     """Displacements zero at supports that move elastic bodies rigidly, ``(n, k)``."""
-    free = structure.free
-    stiff = structure.K[free][:, free]
-    bodies = np.flatnonzero(np.diff(stiff.indptr))
-    loose = np.setdiff1d(np.arange(len(free)), bodies)
-    columns = [_embed(np.eye(len(loose)), free[loose], structure.n)]
+    n, K = structure.n, structure.K
+    stiff = np.diff(K.indptr) > 0
+    bodies, loose = np.flatnonzero(stiff), structure.free[~stiff[structure.free]]
+    moved = np.zeros((0, len(bodies)))
     if len(bodies):
-        values, vectors = np.linalg.eigh(stiff[bodies][:, bodies].toarray())
-        rigid = vectors[:, values <= _RIGID * values.max()]
-        columns.append(_embed(rigid, free[bodies], structure.n))
-    made: CsrMatrix = sparse.csr_array(sparse.hstack(columns))
-    return made
-
-
-def _embed(block: Floats, rows: Ints, n: int) -> CsrMatrix:
-    """Values of some degrees of freedom as columns of all."""
-    part = sparse.coo_array(block)
-    made: CsrMatrix = sparse.csr_array(
-        sparse.coo_array((part.data, (rows[part.row], part.col)), (n, block.shape[1]))
-    )
+        # All that touches a body counts as a contact, of two components.
+        touching = [*(group.strain for group in structure.points), structure.B]
+        rows = sparse.csr_array(sparse.vstack(touching))[:, bodies]
+        rows = rows[np.diff(rows.indptr) > 0]
+        count = -(-rows.shape[0] // 2)
+        rows.resize((2 * count, len(bodies)))
+        fixed = np.searchsorted(bodies, structure.fixed[stiff[structure.fixed]])
+        core = ContactProblem(
+            K[bodies][:, bodies],
+            rows,
+            gap=np.zeros(count),
+            mu=0.0,
+            fixed=fixed,
+            dim=2,
+            engine="direct",
+        ).stiffness.core
+        still = np.zeros(len(bodies)), np.zeros(len(fixed)), np.zeros((count, 2))
+        moved = core.displacements([(*still, a) for a in np.eye(len(core.modes()))])
+    rigid = sparse.coo_array(np.reshape(moved, (len(moved), len(bodies))))
+    amounts = np.concatenate([np.ones(len(loose)), rigid.data])
+    rows_of = np.concatenate([loose, bodies[rigid.coords[1]]])
+    column_of = np.concatenate([np.arange(len(loose)), len(loose) + rigid.coords[0]])
+    shape = n, len(loose) + rigid.shape[0]
+    made: CsrMatrix = sparse.csr_array((amounts, (rows_of, column_of)), shape)
     return made

@@ -67,6 +67,7 @@ def footing(
     cell: str = "quadrilateral",
     law: str = "mohr-coulomb",
     cohesion: float = 1.0,
+    weight: float = 0.0,
     unit: float = 1.0,
     length: float = 1.0,
 ) -> tuple[Structure, Array]:
@@ -80,7 +81,8 @@ def footing(
     sides = np.flatnonzero(np.abs(at[:, 0]) > 2.5 - 1e-9)
     fixed = np.unique(np.concatenate([2 * base, 2 * base + 1, 2 * sides]))
     B = pressed_from_above(foot, body.points.size)
-    soil = Soil.of_body(body, phi, psi, cohesion * unit, law=law)
+    heavy = weight * unit / length
+    soil = Soil.of_body(body, phi, psi, cohesion * unit, heavy, law)
     contacts = Contacts(B, np.zeros(len(foot)), mu)
     return Structure([], [soil], contacts, fixed), B
 
@@ -448,6 +450,52 @@ def test_limits_with_a_contact_in_the_mechanism() -> None:
     assert limits.mechanism is not None
     # Without dilatancy the cone of β does not even carry the weight.
     assert limits.lower == -math.inf
+
+
+@cache
+def bear_footing(mu: float, unit: float, length: float) -> float:
+    """The bound of the force on a footing, proved here by its definition in other sums."""
+    structure, B = footing(
+        30.0, 0.0, mu, cohesion=0.05, weight=1.0, unit=unit, length=length
+    )
+    # The footing moves down only: one degree of freedom more.
+    n, count = structure.n, structure.shape[0]
+    (points,) = structure.points
+    law, idle = points.law, sparse.csr_array((points.strain.shape[0], 1))
+    ground = PlasticPoints(
+        sparse.hstack([points.strain, idle]),
+        points.weights,
+        points.stiffness,
+        mu=law.mu,
+        dilatancy=law.dilatancy,
+        apex=points.apex,
+    )
+    down = np.tile([1.0, 0.0], count)[:, None]
+    contacts = Contacts(np.hstack([B, down]), np.zeros(count), mu)
+    whole = Structure([], [ground], contacts, structure.fixed)
+    load, dead = -np.eye(n + 1)[n], np.r_[structure.weight, 0.0]
+    limits = bound_load(whole, load, dead)
+    d = limits.mechanism
+    assert d is not None
+    x, v = points.strains(d[:n]), (contacts.B @ d).reshape(-1, 2)
+    # Rounding of the sums, which the proof itself does without.
+    tiny = 1e-14 * np.abs(d).max()
+    assert (law.mu * np.linalg.norm(x[:, 1:], axis=1) <= x[:, 0] + tiny / length).all()
+    assert (mu * np.abs(v[:, 1]) <= v[:, 0] + tiny).all()
+    bound = (points.weights @ (points.apex * x[:, 0]) - dead @ d) / (load @ d)
+    assert limits.upper == pytest.approx(bound, rel=1e-11)
+    return limits.upper / (unit * length)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.05, 0.1, 0.2, 0.3, 10.0])
+def test_limits_beside_a_dead_load_on_its_limit(mu: float) -> None:
+    """The ground bears its weight, and contacts nothing: no reaction is inside its cone."""
+    reference = bear_footing(mu, 1.0, 1.0)
+    assert reference > bear_footing(0.0, 1.0, 1.0) * (1 - 1e-9)
+    for unit, length in ((1e-6, 1.0), (1e6, 1e-3), (1.0, 1e3)):
+        # The proof is repaired by shares of about 1e-9.
+        scaled = bear_footing(mu, unit, length)
+        assert scaled == pytest.approx(reference, rel=1e-7)
 
 
 def test_what_a_soil_refuses() -> None:

@@ -26,8 +26,6 @@ Solve = Callable[[float, "Solution | None"], "Solution | None"]
 Verdict = Literal["balanced", "none", "undecided"]
 # Solves of a search for the largest multiplier.
 _STEPS = 16
-# A smaller margin, relative to the mean load, is rounding.
-_SURE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,7 +126,7 @@ def read_decision(
     if verdict == "balanced":
         reaction = decision.reaction.reshape(shape)
         reason = "reactions inside their cones balance the loads"
-        if decision.relative_margin <= _SURE:
+        if not decision.inside:
             reason = (
                 "reactions on the borders of their cones balance the loads, to "
                 f"{decision.imbalance:.0e} of them"
@@ -172,7 +170,7 @@ def read_limit(
     without = read_decision(limit.dead, shape, describe)
     if without.verdict == "none":
         raise NoEquilibriumError(f"e0 alone: {without.reason}")
-    if without.verdict == "undecided":
+    if without.verdict == "undecided" and limit.reached is None:
         raise NotConvergedError(f"e0 alone: {without.reason}")
     if np.isinf(limit.upper) and limit.reached != np.inf:
         raise NotConvergedError(
