@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import meant
 from bipot_rs.cli import arguments as shared
@@ -85,24 +85,6 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_settings(parser, purpose="Keys that were set for the run.")
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
-    """Draw the picture and print the name of its file."""
-    made = draw(
-        found.result,
-        found.kind,
-        found.out,
-        contact=found.contact,
-        along=found.along,
-        step=found.step,
-        near=found.near,
-        scale=found.scale,
-        scene=found.scene,
-        settings=found.settings,
-    )
-    tell(str(made), sys.stdout)
-    return SOLVED
-
-
 # Arguments of the pictures, and the options of the command line.
 _OPTIONS = {
     "on": "--contact",
@@ -113,35 +95,8 @@ _OPTIONS = {
 }
 
 
-def draw(
-    name: str,
-    kind: str,
-    out: Path | None,
-    *,
-    contact: str | None = None,
-    along: str | None = None,
-    step: int | None = None,
-    near: float | None = None,
-    scale: float | None = None,
-    scene: str | None = None,
-    settings: Sequence[str] = (),
-) -> Path:
-    """Draw a picture of a result; returns its file.
-
-    ``name``: the folder of a run, or a result file.
-    ``kind``: a name in `plots.by_name.KINDS`.
-    ``out``: file to write, in the format of its suffix; by default ``KIND.png`` in the folder
-    of the result. A name that ends in ``.gif`` is an animation over the load steps.
-    ``contact``: the surface to draw, ``"body.surface"``; by default all.
-    ``along``: horizontal axis of a line: ``"x"``, ``"y"``, ``"z"`` or ``"arc"``.
-    ``step``: the load step to draw, from 1; by default the last.
-    ``near, scale``: the part of the bodies to draw, and the factor of displacements, of
-    ``deformed``.
-    ``scene, settings``: the scene of the result and the keys set in it, for pictures that need
-    the mesh; by default those named in the file.
-    Raises `OSError` or `ValueError`: there is no result, it cannot be read or drawn, or the
-    file cannot be written.
-    """
+def run(found: argparse.Namespace, _: Interrupts) -> int:
+    """Draw the picture and print the name of its file."""
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.files.drafts import writing
     from bipot_rs.files.export import read_result
@@ -150,45 +105,49 @@ def draw(
     from bipot_rs.plots.run_figure import write_figure
     from bipot_rs.plots.style import figure_of
 
+    kind, step, scene, settings = found.kind, found.step, found.scene, found.settings
     if kind not in KINDS:
         raise ValueError(
             f"--kind is {kind!r}, expected one of {', '.join(KINDS)}{meant(kind, KINDS)}"
         )
-    if along is not None and along not in ("x", "y", "z", "arc"):
-        raise ValueError(f"--along is {along!r}, expected x, y, z or arc")
+    if found.along not in (None, "x", "y", "z", "arc"):
+        raise ValueError(f"--along is {found.along!r}, expected x, y, z or arc")
     with_bodies = [name for name, picture in KINDS.items() if picture.bodies]
     if kind not in with_bodies and (scene is not None or settings):
         raise ValueError(
             f"--scene and --set are only for --kind {', '.join(with_bodies)}: other "
             "pictures need no mesh"
         )
-    path = Path(name)
+    path = Path(found.result)
     if path.is_dir():
         path = path / RESULT
     if not path.exists():
         raise OSError(
             f"there is no {path}: bipot run writes one, by default out/SCENE/{RESULT}"
         )
-    _, steps, attributes = read_result(path)
+    steps, attributes = read_result(path)[1:]
     if not steps:
         raise ValueError(f"{path} has no load steps to draw")
     if step is not None and not 1 <= step <= len(steps):
         raise ValueError(f"--step is {step}, expected one from 1 to {len(steps)}")
     result = load(path)
-    if contact is not None and "surface" not in result.contacts:
+    if found.contact is not None and "surface" not in result.contacts:
         raise ValueError(
-            f"--contact is {contact!r}, but {path} has no names of surfaces: an earlier "
+            f"--contact is {found.contact!r}, but {path} has no names of surfaces: an earlier "
             "version wrote it, or its problem was given as arrays"
         )
     title = str(attributes.get("title", ""))
     result.units = json.loads(attributes.get("units") or "{}") or result.units
-    target = path.with_name(f"{kind}.png") if out is None else out
+    target = found.out or path.with_name(f"{kind}.png")
     case = _case(path, attributes, scene, settings) if kind in with_bodies else None
-    at = None if step is None else step - 1
-    asked = {"on": contact, "along": along, "step": at, "near": near, "scale": scale}
-    options: dict[str, Any] = {
-        name: value for name, value in asked.items() if value is not None
+    asked = {
+        "on": found.contact,
+        "along": found.along,
+        "step": None if step is None else step - 1,
+        "near": found.near,
+        "scale": found.scale,
     }
+    options = {name: value for name, value in asked.items() if value is not None}
     for option in options:
         if not KINDS[kind].takes(option):
             raise ValueError(f"{_OPTIONS[option]} cannot be used with --kind {kind}")
@@ -197,16 +156,17 @@ def draw(
             if step is not None:
                 raise ValueError("--step cannot be used with a GIF of all load steps")
             animate(result, target, kind, model=case, **options)
-            return target
-        check_format(target)
-        if kind == "tractions" and along is None:
-            write_figure(target, result, title=title, **options)
-            return target
-        figure = figure_of(plot(result, kind, model=case, **options))
-        if title:
-            figure.suptitle(title)
-        figure.savefig(target, dpi=150, bbox_inches="tight")
-    return target
+        else:
+            check_format(target)
+            if kind == "tractions" and found.along is None:
+                write_figure(target, result, title=title, **options)
+            else:
+                figure = figure_of(plot(result, kind, model=case, **options))
+                if title:
+                    figure.suptitle(title)
+                figure.savefig(target, dpi=150, bbox_inches="tight")
+    tell(str(target), sys.stdout)
+    return SOLVED
 
 
 def check_format(target: Path) -> None:

@@ -32,8 +32,10 @@ _STAMPS = {
 }
 
 
-def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, object]:
-    """Attributes of a result file that identify its run."""
+def stamps(
+    scene: Scene, method: str | None, tol: float | str | None
+) -> dict[str, object]:
+    """Attributes of a result file that identify its run; None: settings of the scene."""
     # After defaults and --set, so that two spellings of one scene are the same.
     # The engine does not change the problem.
     text = scene.model_dump_json(by_alias=True, exclude={"solver": {"engine"}})
@@ -45,8 +47,8 @@ def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, object]:
     return {
         "package": _core.version,
         "scene_digest": digest.hexdigest(),
-        "method": method,
-        "tol": tol,
+        "method": scene.solver.method if method is None else method,
+        "tol": scene.solver.tol if tol is None else tol,
     }
 
 

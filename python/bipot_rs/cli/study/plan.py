@@ -77,13 +77,7 @@ def row_digest(scene: Scene, method: str | None, tol: float | None) -> str:
     """A digest of everything that determines a row; None: settings of the scene."""
     from bipot_rs.cli.run.resume import stamps
 
-    return _digest(
-        stamps(
-            scene,
-            scene.solver.method if method is None else method,
-            scene.solver.tol if tol is None else tol,
-        )
-    )
+    return _digest(stamps(scene, method, tol))
 
 
 def format_settings(settings: Mapping[str, str]) -> list[str]:

@@ -182,13 +182,12 @@ class _Attempt:
             if lost:
                 code, message = NOT_CONVERGED, lost
             here.mkdir(parents=True, exist_ok=True)
-            method = scene.solver.method if row.method is None else row.method
-            tol = scene.solver.tol if row.tol is None else row.tol
             made = origin(
                 row.scene, format_settings(row.settings), scene, self.problem, message
             )
             Output(here, here, scene, case, self.reached, ()).result(
-                complete=code == SOLVED, attributes=made | stamps(scene, method, tol)
+                complete=code == SOLVED,
+                attributes=made | stamps(scene, row.method, row.tol),
             )
         except (OSError, MemoryError) as error:
             return code, _and(message, f"no {RESULT}: {outcome(error)[1]}")
