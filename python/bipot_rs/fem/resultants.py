@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.frames import find_step_frames
+from bipot_rs.contact.law.resultants import find_moment
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.constraints.references import reference_named
@@ -46,6 +49,24 @@ def contact_force(model: Assembly, steps: Sequence[Step], on: str) -> Floats:
         frame = find_step_frames(step, model.frame)[contacts]
         force[:] = np.einsum("ck,ckd->d", step.reaction[contacts], frame)
     return forces
+
+
+def contact_moment(
+    model: Assembly, steps: Sequence[Step], on: str, about: ArrayLike | None = None
+) -> Floats:
+    """Moment of the contact forces on a surface on its body, ``(steps, 3)`` [N m].
+
+    In 2D ``(steps, 1)``. ``about`` is a point ``(d,)``, by default the origin. Errors as
+    `contacts_on`.
+    """
+    contacts = contacts_on(model, on)
+    centre = 0.0 if about is None else floats("about", about, shape=(model.dim,))
+    arms, moments = model.points[contacts] - centre, []
+    for step in steps:
+        frame = find_step_frames(step, model.frame)[contacts]
+        forces = np.einsum("ck,ckd->cd", step.reaction[contacts], frame)
+        moments.append(find_moment(arms, forces))
+    return np.stack(moments)
 
 
 def support_force(model: Assembly, steps: Sequence[Step], on: str) -> Floats:

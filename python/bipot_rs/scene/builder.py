@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints
@@ -551,6 +552,14 @@ class ModelResult(Result):
         As `fem.resultants.contact_force`.
         """
         return resultants.contact_force(self.case.model, self.steps, on)
+
+    def contact_moment(self, on: str, about: ArrayLike | None = None) -> Floats:
+        """Moment of the contact forces on a surface on its body, ``(steps, 3)`` [N m].
+
+        In 2D ``(steps, 1)``; about a point ``(d,)``, by default the origin. As
+        `fem.resultants.contact_moment`.
+        """
+        return resultants.contact_moment(self.case.model, self.steps, on, about)
 
     def support_force(self, on: str) -> Floats:
         """Force of the supports on a surface on their body, ``(steps, d)`` [N].

@@ -66,6 +66,56 @@ def test_forces_balance() -> None:
     assert (np.abs(through[:, 0]) <= 0.3 * through[:, 1] * (1 + 1e-9)).all()
 
 
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("seed", range(3))
+def test_moments_balance_the_loads(d: int, seed: int, bipot: Any) -> None:
+    """A block that contact alone holds, anywhere in space: table, method, steps.csv."""
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(-100, 100, d)
+    m = bp.Model()
+    m.material("steel", young=210e3, poisson=0.3)
+    cell = {2: "quadrilateral", 3: "hexahedron"}[d]
+    axes = {
+        axis: {"from": low, "to": low + 40.0, "cells": 4}
+        for axis, low in zip("xyz", at, strict=False)
+    }
+    m.body("b", material="steel", cell=cell, **axes)
+    up = np.eye(d)[-1].tolist()
+    m.contact("b.bottom", plane={"point": at, "normal": up}, mu=0.5, name="foot")
+    m.pressure("b.top", 10.0)
+    sides = ("left", "front") if d == 3 else ("left",)
+    for side in sides:
+        m.traction(f"b.{side}", **dict(zip("xyz", rng.uniform(-1, 1, d), strict=False)))
+    result = m.solve()
+    x = result.case.model.nodes
+    force = result.case.load[-1].reshape(-1, d)
+    sizes = np.abs(x).max() * np.abs(force).sum()
+    if d == 3:
+        moment = -np.cross(x, force).sum(axis=0)
+        arms = x - (at + [20.0, 20.0, 0.0])
+        torque = -np.cross(arms, force).sum(axis=0)[2]
+        about = result.contact_moment("foot", about=at + [20.0, 20.0, 0.0])[-1]
+        assert about[2] == pytest.approx(torque, abs=1e-9 * sizes)
+    else:
+        moment = -np.array([x[:, 0] @ force[:, 1] - x[:, 1] @ force[:, 0]])
+        torque = None
+    np.testing.assert_allclose(
+        result.contact_moment("foot")[-1], moment, atol=1e-9 * sizes
+    )
+    m.to_toml("b.toml")
+    assert bipot("run", "b.toml", "--out", "out")[0] == 0
+    with Path("out/steps.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    names = [f"moment_{axis}" for axis in ("xyz" if d == 3 else "z")]
+    values = [float(row[f"{name} of foot"]) for name in names]
+    np.testing.assert_allclose(values, moment, atol=1e-9 * sizes)
+    if torque is not None:
+        assert float(row["torque of foot"]) == pytest.approx(torque, abs=1e-9 * sizes)
+    table = result.table()
+    columns = table.columns if hasattr(table, "columns") else table.dtype.names
+    assert ("torque of foot" in columns) == (d == 3)
+
+
 def test_names_of_contacts() -> None:
     m = blocks()
     (name,) = m.contacts

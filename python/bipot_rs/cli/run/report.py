@@ -15,6 +15,8 @@ from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.tables import (
     COMPONENTS,
     FORCES,
+    MOMENTS,
+    TORQUE,
     WEAR,
     list_columns,
     list_surface_forces,
@@ -36,6 +38,8 @@ _FORMS = {
     "friction_used": "{:.4f}",
     **dict.fromkeys(COMPONENTS, "{:.5g}"),
 }
+# Columns that no terminal shows.
+_IN_FILES = (*MOMENTS, TORQUE)
 # Columns that a narrow terminal drops, in this order.
 _LEAST = ("seconds", "iterations", "load")
 # Rounding of a sum of forces that cancel, relative to these forces.
@@ -49,7 +53,8 @@ def forces(model: Assembly, step: Step) -> dict[str, float | None]:
     frame = find_step_frames(step, model.frame)
     names = surface_names(model)
     cohesion = model.cohesion if model.cohesion.any() else None
-    return list_surface_forces(step, frame, model.mu, model.group, names, cohesion)
+    law = model.mu, model.group, names, cohesion
+    return list_surface_forces(step, frame, *law, model.points, model.area)
 
 
 def by_surface(
@@ -82,7 +87,9 @@ def format_steps(
     ``more``: further columns.
     ``width``: largest number of characters of a line; None: no limit.
     """
-    names = list_columns(rows, more)
+    names = [
+        name for name in list_columns(rows, more) if not name.startswith(_IN_FILES)
+    ]
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # For people, steps count from 1; in files and --json from 0.
     shown: list[Record | None] = [

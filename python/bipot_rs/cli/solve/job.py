@@ -109,7 +109,13 @@ class SolveMatrix(Runner):
 
         def on_step(k: int, step: Step) -> None:
             forces = list_surface_forces(
-                step, given.frame, given.mu, group, ["contacts"]
+                step,
+                given.frame,
+                given.mu,
+                group,
+                ["contacts"],
+                x=given.points,
+                area=given.area,
             )
             self.reach({**make_row(k, None, step), **forces}, step)
 

@@ -17,7 +17,7 @@ from bipot_rs.cli.run.output_folder import SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study.folder import read_record
 from bipot_rs.cli.study.report import group_rows
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE, read
-from bipot_rs.contact.results.tables import COMPONENTS, FORCES
+from bipot_rs.contact.results.tables import COMPONENTS, FORCES, MOMENTS, TORQUE
 
 if TYPE_CHECKING:
     from bipot_rs.plots.study import StudySeries
@@ -165,4 +165,6 @@ def _unit(name: str, units: Mapping[str, str]) -> str | None:
         return stress_unit(units)
     if kind in (*FORCES[:2], *COMPONENTS):
         return units.get("force")
+    if kind in (*MOMENTS, TORQUE):
+        return " ".join(units[name] for name in ("force", "length") if name in units)
     return "s" if kind == "seconds" else None

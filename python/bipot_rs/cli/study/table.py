@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.contact.law.status import STATUS_NAMES
-from bipot_rs.contact.results.tables import COMPONENTS, FORCES
+from bipot_rs.contact.results.tables import COMPONENTS, FORCES, MOMENTS, TORQUE
 from bipot_rs.files import csv_tables
 
 # The process of the row was killed, or no part has solved it. --resume solves such rows.
@@ -31,7 +31,7 @@ OUTCOME_OF = {
 FIGURES = ("outcome", "steps", *STATUS_NAMES, "residual", "iterations")
 # Figures of each contact surface: "max_pressure of block.bottom".
 PRESSURE = "max_pressure"
-OF_SURFACES = (*FORCES, *COMPONENTS, PRESSURE)
+OF_SURFACES = (*FORCES, *COMPONENTS, *MOMENTS, TORQUE, PRESSURE)
 _LAST = ("seconds", "message", "digest")
 # The varied settings stand between these two columns.
 _FIRST, _THEN = "row", "outcome"

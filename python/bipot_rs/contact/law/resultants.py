@@ -35,6 +35,10 @@ class Resultant:
     # The loads and supports of the body balance it.
     force: Floats
     curved: bool  # whether normals differ
+    # (3,), in 2D (1,): moment of these forces about the origin [N m]; None without places.
+    moment: Floats | None = None
+    # On a flat surface in 3D: moment about its normal through its centre [N m].
+    torque: float | None = None
 
     @property
     def used(self) -> float | None:
@@ -57,6 +61,8 @@ def list_resultants(
     group: Ints,
     count: int,
     cohesion: Floats | None = None,
+    x: Floats | None = None,
+    area: Floats | None = None,
 ) -> list[Resultant]:
     """Resultant forces on each contact surface.
 
@@ -66,6 +72,8 @@ def list_resultants(
     ``group (n_c,)``: number of the surface of each contact.
     ``count``: number of surfaces.
     ``cohesion (n_c,)``: cohesion that is left, which adds to the limit; the default is zero.
+    ``x (n_c, d), area (n_c,)``: places, for moments, and the weights of their mean, the centre of
+    a flat surface; without areas all weigh the same.
     """
     resultants = []
     for k in range(count):
@@ -87,8 +95,24 @@ def list_resultants(
             most = float(press @ coefficient)
         if cohesion is not None:
             most += float(cohesion[members].sum())
-        resultants.append(Resultant(float(press.sum()), size, most, whole, curved))
+        moment, torque = None, None
+        if x is not None:
+            places, forces = x[members], np.einsum("ik,ikd->id", force, axes)
+            moment = find_moment(places, forces)
+            if not curved and len(whole) == 3 and len(places):
+                share = None if area is None else area[members]
+                arms = places - np.average(places, axis=0, weights=share)
+                torque = float(find_moment(arms, forces) @ axes[0, 0])
+        sums = float(press.sum()), size, most, whole
+        resultants.append(Resultant(*sums, curved, moment, torque))
     return resultants
+
+
+def find_moment(arms: Floats, forces: Floats) -> Floats:
+    """``Σ arm × force``, ``(3,)``, in 2D ``(1,)``."""
+    if arms.shape[1] == 3:
+        return np.asarray(np.cross(arms, forces).sum(axis=0))
+    return np.asarray([arms[:, 0] @ forces[:, 1] - arms[:, 1] @ forces[:, 0]])
 
 
 def find_limit_force(reaction: Floats, mu: Floats) -> tuple[Floats, Floats]:

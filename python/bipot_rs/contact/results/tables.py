@@ -26,6 +26,10 @@ WEAR = ("cycle", "worn_volume", "largest_depth")
 # Columns of each contact surface. A curved surface also has COMPONENTS.
 FORCES = ("normal_force", "tangential_force", "friction_used")
 COMPONENTS = ("force_x", "force_y", "force_z")
+# Its moment on its body about the origin, in 2D the last; of a flat surface in 3D also TORQUE,
+# about its normal through its centre.
+MOMENTS = ("moment_x", "moment_y", "moment_z")
+TORQUE = "torque"
 
 
 def make_row(k: int, parameter: float | None, step: Step) -> dict[str, float | None]:
@@ -61,6 +65,8 @@ def list_surface_forces(
     group: Ints,
     names: Sequence[str],
     cohesion: Floats | None = None,
+    x: Floats | None = None,
+    area: Floats | None = None,
 ) -> dict[str, float | None]:
     """`FORCES` of named surfaces; ``group (n_c,)`` is the surface number of each contact.
 
@@ -68,18 +74,26 @@ def list_surface_forces(
 
     They are those of `Resultant`. Flat surface: ``Σ r_n``, ``‖Σ r_t‖`` and
     ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
-    and `COMPONENTS` of the force on the body of the contacts, in global axes.
+    and `COMPONENTS` of the force on the body of the contacts, in global axes. With places ``x``
+    also `MOMENTS` and `TORQUE`.
     """
     forces: dict[str, float | None] = {}
     if cohesion is not None and step.broken is not None:
         cohesion = np.where(step.broken, 0.0, cohesion)
-    each = list_resultants(step.reaction, frame, mu, group, len(names), cohesion)
+    each = list_resultants(
+        step.reaction, frame, mu, group, len(names), cohesion, x, area
+    )
     for name, force in zip(names, each, strict=True):
         columns: list[tuple[str, float | None]] = list(
             zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
         )
         if force.curved:
             columns += zip(COMPONENTS, force.force.tolist(), strict=False)
+        if force.moment is not None:
+            about = MOMENTS[-len(force.moment) :]
+            columns += zip(about, force.moment.tolist(), strict=True)
+        if force.torque is not None:
+            columns.append((TORQUE, force.torque))
         for key, value in columns:
             forces[f"{key} of {name}"] = value
     return forces
@@ -90,7 +104,8 @@ def list_columns(
 ) -> list[str]:
     """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
     names = rows[0] if rows else ("load",)
-    forces = [key for key in names if key.startswith((*FORCES, *COMPONENTS))]
+    of_surfaces = (*FORCES, *COMPONENTS, *MOMENTS, TORQUE)
+    forces = [key for key in names if key.startswith(of_surfaces)]
     first = [name for name in COLUMNS[:5] if name != "load" or name in names]
     first += [BROKEN] if BROKEN in names else []
     return [*first, *forces, *COLUMNS[5:], *more]
@@ -121,11 +136,13 @@ def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | N
     if frame is None or mu is None:
         return {}
     group, cohesion = contacts.get("surface"), contacts.get("cohesion")
+    places = contacts.get("x"), contacts.get("area")
     if group is not None:
         names = list(contacts["surface_names"])
-        return list_surface_forces(step, frame, mu, group, names, cohesion)
+        return list_surface_forces(step, frame, mu, group, names, cohesion, *places)
     group = np.zeros(len(mu), np.int64)
-    whole = list_surface_forces(step, frame, mu, group, ["contacts"], cohesion)
+    name = ["contacts"]
+    whole = list_surface_forces(step, frame, mu, group, name, cohesion, *places)
     return {key.removesuffix(" of contacts"): value for key, value in whole.items()}
 
 
