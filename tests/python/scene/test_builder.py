@@ -92,9 +92,10 @@ def test_moments_balance_the_loads(d: int, seed: int, bipot: Any) -> None:
     sizes = np.abs(x).max() * np.abs(force).sum()
     if d == 3:
         moment = -np.cross(x, force).sum(axis=0)
-        arms = x - (at + [20.0, 20.0, 0.0])
+        centre = at + np.array([20.0, 20.0, 0.0])
+        arms = x - centre
         torque = -np.cross(arms, force).sum(axis=0)[2]
-        about = result.contact_moment("foot", about=at + [20.0, 20.0, 0.0])[-1]
+        about = result.contact_moment("foot", about=centre)[-1]
         assert about[2] == pytest.approx(torque, abs=1e-9 * sizes)
     else:
         moment = -np.array([x[:, 0] @ force[:, 1] - x[:, 1] @ force[:, 0]])
