@@ -75,28 +75,16 @@ def solve(
 
     Parameters
     ----------
-    K
-        Stiffness, ``(n, n)``, symmetric positive semidefinite, dense or sparse. Supports
-        are not eliminated from it.
-    B
-        Contact operator, ``(d n_c, n)``: row ``d i + k`` gives component ``k`` of the
-        relative displacement of contact ``i``, body minus obstacle.
-    load
-        Nodal forces, ``(n,)``, or ``(steps, n)`` for a path: totals at the end of each
-        step. The default is zero.
-    prescribed
-        Displacements of the degrees of freedom ``fixed``, ``(len(fixed),)`` or
-        ``(steps, len(fixed))``: totals. The default is zero.
-    gap
-        Normal gap, ``(n_c,)``, positive when open, or all components, ``(n_c, d)``.
-    mu
-        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``.
+    K, B, gap, mu
+        As in `ContactProblem`: the stiffness ``(n, n)``, from which supports are not
+        eliminated; the contact operator ``(d n_c, n)``; the normal gaps ``(n_c,)``, positive
+        when open, or all components; and the friction coefficients.
+    load, prescribed
+        As in `ContactProblem.solve`: nodal forces ``(n,)``, or ``(steps, n)`` for a path, and
+        displacements of the degrees of freedom ``fixed``, totals at the end of each step.
     **keywords
-        All other keywords of `ContactProblem`, such as ``fixed`` (the prescribed degrees
-        of freedom) and ``area`` (the tributary areas, for tractions), and ``method``,
-        ``tol``, ``max_iterations`` (or ``maxiter``), ``max_seconds``, ``start`` and
-        ``on_step`` of
-        `ContactProblem.solve`.
+        All other keywords of `ContactProblem`, such as ``fixed`` and ``area``, and all of
+        `ContactProblem.solve`, such as ``method`` and ``tol``.
 
     Returns
     -------

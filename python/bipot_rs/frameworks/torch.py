@@ -29,13 +29,8 @@ def solve(
 
     Parameters
     ----------
-    problem
-        The problem; it is not differentiated.
-    load, prescribed, gap
-        As in `ContactProblem.solve`: tensors of float64, or what becomes one.
-    mu
-        Friction coefficients that replace those of the problem: a number, ``(n_c,)``, or
-        ``(n_c, 2)``.
+    problem, load, prescribed, gap, mu
+        As in `bipot_rs.jax.solve`: tensors of float64, or what becomes one.
 
     Returns
     -------
