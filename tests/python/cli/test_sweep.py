@@ -16,6 +16,7 @@ from bipot_rs.cli.entry import call
 from bipot_rs.cli.study.axes import rows, space_values, values
 from bipot_rs.cli.study.table import write as write_table
 from bipot_rs.cli.study.worker_pool import Workers
+from support.pushed_study import interrupt_sweep
 
 BIPOT = [sys.executable, "-m", "bipot_rs"]
 SWEEP = ("sweep", "sheared_cube", "--set", "mesh.n=3")
@@ -214,23 +215,7 @@ def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None
         *(*BIPOT, *SWEEP, "--range", "contact.0.mu=0.1:0.6:6", "--jobs", "1"),
         *("--out", "here"),
     ]
-    process = subprocess.Popen(
-        [*command, "--json"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    assert process.stdout is not None
-    first = json.loads(process.stdout.readline())
-    # To all processes of the group, as a terminal does.
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert (process.returncode, errors) == (130, "")
-    *more, last = map(json.loads, output.splitlines())
-    assert last["message"].startswith("interrupted")
-    told = [first, *more]
+    told = interrupt_sweep([*command, "--json"], tmp_path)
     done = table(tmp_path / "here")
     assert 1 <= len(told) <= len(done) < 6
     names = sorted(path.name for path in (tmp_path / "here").iterdir())

@@ -1,10 +1,6 @@
 """Rows on the workers of a dask scheduler: the same table, and rows that kill a worker."""
 
-import csv
 import json
-import os
-import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +15,7 @@ from bipot_rs.cli.study.row import peak
 from bipot_rs.scene import read
 from support.comparisons import content
 from support.dask_workers import row, solved_then_killed, two_workers
-from support.pushed_study import PUSHED, table
+from support.pushed_study import PUSHED, interrupt_sweep, table
 
 distributed = pytest.importorskip("distributed", exc_type=ImportError)
 # The clusters are shared by the tests of one process.
@@ -165,24 +161,8 @@ def test_ctrl_c_keeps_finished_rows_and_cancels_the_others(
         *(strict, "--out", "here", "--set", "mesh.n=8", "--json"),
         *("--range", "contact.0.mu=0.1:0.6:60"),
     ]
-    process = subprocess.Popen(
-        command,
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    assert process.stdout is not None
-    first = json.loads(process.stdout.readline())
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert (process.returncode, errors) == (130, "")
-    *more, last = map(json.loads, output.splitlines())
-    assert last["message"].startswith("interrupted")
-    with (tmp_path / "here" / "sweep.csv").open(newline="") as file:
-        done = list(csv.DictReader(file))
-    assert 1 <= len([first, *more]) <= len(done) < 60
+    told = interrupt_sweep(command, tmp_path)
+    assert 1 <= len(told) <= len(table(tmp_path / "here")) < 60
     with distributed.Client(strict, set_as_default=False) as client:
         # Rows that were handed over but had not begun are gone.
         assert sum(map(len, client.processing().values())) <= 2

@@ -1,7 +1,12 @@
 """A study whose rows fail at different load steps, and its table."""
 
 import csv
+import json
+import os
+import signal
+import subprocess
 from pathlib import Path
+from typing import Any
 
 # The tangential force grows to 0.4 of the normal force in five load steps: with mu = 0.1
 # the second has no equilibrium, with 0.3 the fourth.
@@ -50,3 +55,24 @@ def table(folder: Path | str) -> list[dict[str, str]]:
     with (Path(folder) / "sweep.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     return [{k: v for k, v in row.items() if k != "seconds"} for row in rows]
+
+
+def interrupt_sweep(command: list[str], folder: Path) -> list[dict[str, Any]]:
+    """Press Ctrl-C after the first row; the rows that were reported."""
+    process = subprocess.Popen(
+        command,
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    first = json.loads(process.stdout.readline())
+    # To all processes of the group, as a terminal does.
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "")
+    *more, last = map(json.loads, output.splitlines())
+    assert last["message"].startswith("interrupted")
+    return [first, *more]
