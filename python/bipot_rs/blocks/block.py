@@ -231,10 +231,7 @@ def split_convex(outline: Floats) -> list[Ints]:
 
     The polygon itself if it is convex, else its ears.
 
-    Raises
-    ------
-    ValueError
-        The polygon crosses itself.
+    Raises `ValueError`: the polygon crosses itself.
     """
     before, after = np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0)
     turns = _cross(outline - before, after - outline)

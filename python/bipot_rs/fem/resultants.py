@@ -26,10 +26,7 @@ def contacts_by_surface(model: Assembly) -> dict[str, Ints]:
 def contacts_on(model: Assembly, on: str) -> Ints:
     """Numbers of the contacts on one surface, or of the contact of this name, ascending.
 
-    Raises
-    ------
-    ValueError
-        No contact is on it; the message lists the titles of the contacts.
+    Raises `ValueError`: no contact is on it; the message lists the titles of the contacts.
     """
     chosen = [on in (c.title, f"{c.body}.{c.surface}") for c in model.contacts]
     if not any(chosen):
@@ -75,10 +72,7 @@ def support_force(model: Assembly, steps: Sequence[Step], on: str) -> Floats:
     ``K u - f - Bᵀ r`` at the prescribed degrees of freedom, in global components. One that
     several supports prescribe counts once in each surface.
 
-    Raises
-    ------
-    ValueError
-        No support is on it; the message lists the surfaces with supports.
+    Raises `ValueError`: no support is on it; the message lists the surfaces with supports.
     """
     names = [
         s.body if s.surface is None else f"{s.body}.{s.surface}" for s in model.supports

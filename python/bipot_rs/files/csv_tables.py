@@ -133,18 +133,10 @@ def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:
     or CalculiX, of which only the `*NODE` blocks are read. A z that is zero everywhere is
     kept: the contacts determine the dimension.
 
-    Returns
-    -------
-    labels, places
-        ``(nodes,)`` and ``(nodes, 2)`` or ``(nodes, 3)``.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        The file has neither form, or an entry is not a number; the message names the
-        line.
+    Returns ``labels, places``: ``(nodes,)`` and ``(nodes, 2)`` or ``(nodes, 3)``.
+    Raises `OSError`: the file cannot be read.
+    Raises `ValueError`: the file has neither form, or an entry is not a number; the message
+    names the line.
     """
     file = Path(path)
     if any(line.lstrip().lower().startswith("*node") for line in _lines(file)):

@@ -18,22 +18,14 @@ GLOBAL, LOCAL = "global", "local"
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a name in a file means.
+    """What a name in a file means."""
 
-    Attributes
-    ----------
-    meaning
-        One phrase.
-    dimension
-        ``"length"``, ``"area"``, ``"force"``, ``"stress"``, ``"energy"``,
-        ``"energy density"``, or ``""`` for a pure number.
-    axes
-        Axes of the components: ``"global"`` for x, y[, z], ``"local"`` for n, t1[, t2] of
-        each contact, or ``""`` for a scalar.
-    """
-
-    meaning: str
+    meaning: str  # one phrase
+    # `"length"`, `"area"`, `"force"`, `"stress"`, `"energy"`, `"energy density"`, or `""` for a
+    # pure number.
     dimension: str = ""
+    # Axes of the components: `"global"` for x, y[, z], `"local"` for n, t1[, t2] of each
+    # contact, or `""` for a scalar.
     axes: str = ""
 
 

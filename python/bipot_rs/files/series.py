@@ -30,28 +30,19 @@ def write_series(
 ) -> None:
     """Write a PVD index, and one binary VTU file in the same folder for each load step.
 
-    Parameters
-    ----------
-    path
-        ``DIR/NAME.pvd``; step k is written to ``DIR/NAME_000k.vtu``. Further files of an
-        earlier, longer series with this name are removed.
-    points
-        ``(points, d)``.
-    cells
-        Pairs of a kind (``"line"``, ``"triangle"``, ``"quad"``, ``"tetra"``,
-        ``"hexahedron"``) and corners in the order of VTK; without them each point is a
-        vertex.
-    steps
-        One mapping for each step. Arrays ``(points,)`` and ``(points, k)`` become fields;
-        two components are extended by a zero. The numbers ``load`` and ``time`` become
-        field data. Everything else is left out. The time of a step in the index is its
-        load if that grows from step to step, else its ``time``, else its number.
-    of_cells
-        One mapping for each step, with arrays ``(cells,)`` or ``(cells, k)``, which become
-        fields of the cells.
-    units
-        Names of the units of ``"length"``, ``"force"`` and ``"stress"``. The files name the
-        unit of each field of `files.fields`, or its dimension if the unit is not known.
+    ``path``: ``DIR/NAME.pvd``; step k is written to ``DIR/NAME_000k.vtu``. Further files of an
+    earlier, longer series with this name are removed.
+    ``points``: ``(points, d)``.
+    ``cells``: pairs of a kind (``"line"``, ``"triangle"``, ``"quad"``, ``"tetra"``,
+    ``"hexahedron"``) and corners in the order of VTK; without them each point is a vertex.
+    ``steps``: one mapping for each step. Arrays ``(points,)`` and ``(points, k)`` become
+    fields; two components are extended by a zero. The numbers ``load`` and ``time`` become
+    field data. Everything else is left out. The time of a step in the index is its load if that
+    grows from step to step, else its ``time``, else its number.
+    ``of_cells``: one mapping for each step, with arrays ``(cells,)`` or ``(cells, k)``, which
+    become fields of the cells.
+    ``units``: names of the units of ``"length"``, ``"force"`` and ``"stress"``. The files name
+    the unit of each field of `files.fields`, or its dimension if the unit is not known.
     """
     series = Series(path, points, cells, units=units)
     for step, in_cells in zip(steps, of_cells or repeat({}), strict=False):
@@ -62,14 +53,10 @@ def write_series(
 class Series:
     """A series for ParaView that is written step by step, as by `write_series`.
 
-    Parameters
-    ----------
-    path, points, cells, units
-        As in `write_series`.
-    piece, pieces
-        Number of this piece of the mesh, and of all pieces, if several processes write the
-        series together into one folder: ``DIR/NAME_000k_000i.vtu`` is piece i of step k.
-        Piece 0 also writes ``DIR/NAME_000k.pvtu``, which lists the pieces, and the index.
+    ``path, points, cells, units``: as in `write_series`.
+    ``piece, pieces``: number of this piece of the mesh, and of all pieces, if several processes
+    write the series together into one folder: ``DIR/NAME_000k_000i.vtu`` is piece i of step k.
+    Piece 0 also writes ``DIR/NAME_000k.pvtu``, which lists the pieces, and the index.
     """
 
     def __init__(
@@ -161,10 +148,7 @@ def _beside(path: Path) -> list[Path]:
 def check_index(path: str | os.PathLike[str]) -> Path:
     """Path of the index of a series, which must end in ``.pvd`` for ParaView.
 
-    Raises
-    ------
-    ValueError
-        It does not end in ``.pvd``.
+    Raises `ValueError`: it does not end in ``.pvd``.
     """
     index = place(path)
     if index.suffix.lower() != ".pvd":

@@ -22,32 +22,15 @@ from bipot_rs.contact.law.contact_law import ContactLaw
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """The contacts of a problem, checked.
+    """The contacts of a problem, checked."""
 
-    Attributes
-    ----------
-    operator : (d n_c, n)
-        B.
-    d
-        Number of components of a contact.
-    gap : (n_c,) or (n_c, d)
-        Gaps at the start, as the caller gave them.
-    law
-        Numbers of the law of each contact.
-    area : (n_c,) or None
-        Tributary areas.
-    x : (n_c, d) or None
-        Coordinates.
-    frame : (n_c, d, d) or None
-        Local bases, with rows n, t1[, t2].
-    """
-
-    operator: Csr
-    d: int
-    gap: Floats
-    law: ContactLaw
-    area: Floats | None = None
-    x: Floats | None = None
+    operator: Csr  # (d n_c, n): B
+    d: int  # number of components of a contact
+    gap: Floats  # (n_c,) or (n_c, d): gaps at the start, as the caller gave them
+    law: ContactLaw  # numbers of the law of each contact
+    area: Floats | None = None  # (n_c,) or None: tributary areas
+    x: Floats | None = None  # (n_c, d) or None: coordinates
+    # (n_c, d, d) or None: local bases, with rows n, t1[, t2].
     frame: Floats | None = None
 
     @classmethod
@@ -66,10 +49,7 @@ class Contacts:
     ) -> Contacts:
         """Check the arguments of a `ContactProblem` that are about its contacts.
 
-        Raises
-        ------
-        TypeError, ValueError
-            An argument is wrong; the message names it.
+        Raises `TypeError` or `ValueError`: an argument is wrong; the message names it.
         """
         gaps = floats("gap", gap)
         if gaps.ndim not in (1, 2):

@@ -108,12 +108,8 @@ class Load:
 class PointLoad:
     """A force and a moment at the reference point of an obstacle or a remote.
 
-    Parameters
-    ----------
-    name
-        A floating obstacle, which takes no moment, or a remote.
-    force, moment
-        ``(d,)`` [N], and about the point ``(3,)``, in the plane a number [N m].
+    ``name``: a floating obstacle, which takes no moment, or a remote.
+    ``force, moment``: ``(d,)`` [N], and about the point ``(3,)``, in the plane a number [N m].
     """
 
     name: str

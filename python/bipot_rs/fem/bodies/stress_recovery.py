@@ -58,13 +58,9 @@ class MeanStress:
     The material is constant in a cell, so that the mean stress is the stress of the mean
     strain: gradients are averaged once, without a displacement.
 
-    Parameters
-    ----------
-    body
-        The body.
-    cells
-        The cells whose stress is wanted, ``(m,)``; the default is all. Initial strains need
-        all.
+    ``body``: the body.
+    ``cells``: the cells whose stress is wanted, ``(m,)``; the default is all. Initial strains
+    need all.
     """
 
     def __init__(self, body: Body, cells: Ints | None = None) -> None:
@@ -173,10 +169,7 @@ def initial_forces(body: Body, initial: Initial) -> Floats:
 def internal_forces(body: Body, stresses: Floats) -> Floats:
     """Nodal forces ``∫ ∂_a φ_i σ_ka``, ``(dim * nodes,)``, in equilibrium with stresses.
 
-    Parameters
-    ----------
-    stresses
-        Stresses at the points of ``body.volume()``, ``(3, 3, cells, points)``.
+    ``stresses``: stresses at the points of ``body.volume()``, ``(3, 3, cells, points)``.
     """
     d = body.dim
     weights = body.depth * body.volume().weights

@@ -76,25 +76,14 @@ Repetition = Cyclic | Periodic
 
 @dataclass(frozen=True)
 class Images:
-    """The nodes of two cuts.
+    """The nodes of two cuts."""
 
-    Attributes
-    ----------
-    on, onto : (m,)
-        First degree of freedom of each node of the first cut, and of its image.
-    turn : (d, d)
-        Q, the identity for a translation.
-    what
-        Names of the cuts, for messages.
-    size
-        Largest extent of the body [m].
-    """
-
+    # on, onto (m,): first degree of freedom of each node of the first cut, and of its image.
     on: Ints
     onto: Ints
-    turn: Floats
-    what: str
-    size: float
+    turn: Floats  # (d, d): Q, the identity for a translation
+    what: str  # names of the cuts, for messages
+    size: float  # largest extent of the body [m]
 
     def relations(self) -> Relations:
         """``u(Q x) - Q u(x) = 0``."""
@@ -111,10 +100,8 @@ class Images:
 def find_images(bodies: NumberedBodies, repetition: Repetition) -> Images:
     """Find the image of each node.
 
-    Raises
-    ------
-    ValueError
-        Names that do not exist, a wrong axis or number, cuts whose nodes do not match.
+    Raises `ValueError`: names that do not exist, a wrong axis or number, cuts whose nodes do
+    not match.
     """
     (own, here), (other, there) = repetition.on, repetition.onto
     near, far = bodies[own], bodies[other]
@@ -220,10 +207,7 @@ def merge_images(
     opposite nodes are not images by another of the ``cuts`` do not move alike, and both
     stay, as do mortar contacts. ``nodes`` are the positions of all nodes.
 
-    Raises
-    ------
-    ValueError
-        The obstacle does not repeat itself: gaps, normals or motions differ.
+    Raises `ValueError`: the obstacle does not repeat itself: gaps, normals or motions differ.
     """
     alike = _opposite(pairs, cuts)
     return [
