@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +49,8 @@ def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) 
     instants, units = None, None
     if isinstance(steps, Result):
         instants, units = steps.instants(), steps.units
-    write_bodies(index, model, steps, instants=instants, units=units)
+    for _ in write_bodies(index, model, steps, instants=instants, units=units):
+        pass
     contact = index.with_name(f"{index.stem}_contact{index.suffix}")
     write_contact(contact, model, steps, instants=instants, units=units)
 
@@ -63,8 +64,10 @@ def write_bodies(
     *,
     instants: Instants | None = None,
     units: Mapping[str, str] | None = None,
-) -> None:
+) -> Iterator[dict[str, AnyArray]]:
     """Write the bodies: displacements and contact fields at nodes, stress in cells.
+
+    Each step is written when the next one is asked for; yields the fields of its cells.
 
     Parameters
     ----------
@@ -80,11 +83,11 @@ def write_bodies(
     units
         Names of the units of ``"length"``, ``"force"`` and ``"stress"``.
     """
-    series = BodySeries(path, model, units=units)
     more = of_cells if of_cells is not None else ({} for _ in steps)
     when = list_instants(steps) if instants is None else instants
+    series = BodySeries(path, model, units=units)
     for k, (step, fields) in enumerate(zip(steps, more, strict=True)):
-        series.add(step, at_rest(k), fields, when[k])
+        yield series.add(step, at_rest(k), fields, when[k])
     series.end()
 
 
@@ -161,18 +164,22 @@ class BodySeries:
         at_rest: Floats | None = None,
         more: Mapping[str, AnyArray] | None = None,
         instant: Mapping[str, float] | None = None,
-    ) -> None:
-        """Write the next step; ``at_rest`` and ``more`` are of all cells of all bodies."""
+    ) -> dict[str, AnyArray]:
+        """Write the next step, and return the fields of its cells.
+
+        ``at_rest`` and ``more`` are of all cells of all bodies.
+        """
         model, cells_of_part = self._model, self._cells
-        fields = model.in_step(step).fields(
-            step.displacement, step.reaction, step.status
-        )
         rest = None if at_rest is None else at_rest[cells_of_part]
         in_cells = cell_fields(model, step.displacement, rest, self._means) | {
             name: field[cells_of_part] for name, field in (more or {}).items()
         }
+        fields = model.in_step(step).fields(
+            step.displacement, step.reaction, step.status
+        )
         chosen = {name: field[self._nodes] for name, field in fields.items()}
         self._series.add(chosen | dict(instant or {}), in_cells)
+        return in_cells
 
     def end(self) -> None:
         """Write the index."""

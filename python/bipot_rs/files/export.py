@@ -8,7 +8,7 @@ checksum, since HDF5 does not notice changed bits.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -22,6 +22,7 @@ from bipot_rs._lib.types import AnyArray, Record
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import CONTACTS, FIELDS, STEPS, Quantity, labels
 from bipot_rs.files.result_mesh import ResultMesh
+from bipot_rs.files.vtkhdf import write_group
 
 if TYPE_CHECKING:
     from h5py import Dataset, File, Group
@@ -51,9 +52,10 @@ def write_result(
     steps: Sequence[Record],
     *,
     complete: bool,
-    attributes: Mapping[str, object] | None = None,
+    attributes: Mapping[str, object] | Callable[[], Mapping[str, object]] | None = None,
     fields: Callable[[int], Mapping[str, object]] | None = None,
     mesh: ResultMesh | None = None,
+    of_cells: Iterable[Mapping[str, AnyArray]] = (),
     units: Mapping[str, str] | None = None,
 ) -> None:
     """Write contacts and load steps to an HDF5 file.
@@ -72,12 +74,15 @@ def write_result(
     complete
         Whether the whole load path was solved.
     attributes
-        Further attributes of the file.
+        Further attributes of the file, which may replace ``complete``; or a function that
+        returns them, which is called when all else is written.
     fields
-        Function of the index of a step that returns its fields: arrays and numbers with
+        Function of the index of a step that returns its fields: ``load``, ``time``, and arrays with
         the names and shapes of step 0. ``/fields/NAME`` has a row for each step.
     mesh
         The mesh, for ``/mesh``.
+    of_cells
+        Fields of the cells in each step, for ``/VTKHDF``; read once, after all else.
     units
         Names of the units of ``"length"``, ``"force"`` and ``"stress"``. Each dataset that
         `files.fields` lists has the attributes ``dimension`` and ``frame`` if it has them,
@@ -98,10 +103,12 @@ def write_result(
     def store(group: Group, name: str, value: object, about: Mapping[str, str]) -> None:
         _store(h5py, group, name, value, about)
 
+    def describe(data: Dataset) -> None:
+        name = data.name.rpartition("/")[2]
+        for label, text in _about(FIELDS, name, named).items():
+            _label(h5py, data, label, text)
+
     def fill(file: File) -> None:
-        ours = {"format": FORMAT, "version": VERSION, "complete": bool(complete)}
-        for name, value in {**(attributes or {}), **ours, "sealed": True}.items():
-            _label(h5py, file, name, value)
         group = file.create_group("contacts")
         for name, array in contacts.items():
             if array is not None:
@@ -127,17 +134,23 @@ def write_result(
             for name, value in first.items():
                 array = np.asarray(value)
                 shape = (len(steps), *array.shape)
-                data = group.create_dataset(name, shape, array.dtype)
-                for label, text in _about(FIELDS, name, named).items():
-                    _label(h5py, data, label, text)
+                describe(group.create_dataset(name, shape, array.dtype))
             for k in range(len(steps)):
                 for name, value in (fields(k) if k else first).items():
                     group[name][k] = value
+            write_group(h5py, file, mesh, of_cells, describe)
+        given = attributes() if callable(attributes) else attributes
+        ours = {"format": FORMAT, "version": VERSION, "sealed": True}
+        for name, value in {"complete": complete, **(given or {}), **ours}.items():
+            _label(h5py, file, name, value)
 
     arrays = [contacts.values(), *(step.values() for step in steps)]
     arrays += [first.values()] * len(steps)
     held = sum(getattr(value, "nbytes", 0) for some in arrays for value in some)
-    held += 0 if mesh is None else mesh.nbytes
+    if mesh is not None:
+        # Seven numbers of each cell, its stress.
+        cells = sum(len(block.corners) for block in mesh.cells)
+        held += mesh.nbytes + 56 * cells * len(steps)
     # HDF5 writes through a file of Python: with a file of its own it could not close it
     # on a full disk, and would end the process.
     with aside(path) as draft, draft.open("w+b") as raw:
@@ -344,7 +357,7 @@ def _has_seal(path: Path) -> bool:
 class _Reader:
     """Reads datasets of at most ``size`` bytes in total.
 
-    `write_result` does not compress, so that all datasets of a file are smaller than the
+    `write_result` does not compress what is read, so that its datasets are smaller than the
     file. Compressed datasets, and many names of one dataset, can claim any size.
     """
 

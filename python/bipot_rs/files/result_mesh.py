@@ -133,14 +133,16 @@ class ResultMesh:
         for name, field in MESH.items():
             array = getattr(self, name)
             if array is not None:
-                store(group, name, array, labels(field, units))
+                store(group, name, _shorten(array), labels(field, units))
         for name, blocks in ((_CELLS, self.cells), (_FACETS, self.contact_facets)):
             if not blocks:
                 continue
             inner = group.create_group(name)
             for k, block in enumerate(blocks):
                 body = {"body": block.body} if block.body else {}
-                store(inner, str(k), block.corners, {"kind": block.kind, **body})
+                store(
+                    inner, str(k), _shorten(block.corners), {"kind": block.kind, **body}
+                )
 
     @classmethod
     def load(cls, group: _Group, arrays: Callable[[_Group], Record]) -> ResultMesh:
@@ -151,12 +153,19 @@ class ResultMesh:
         LookupError, TypeError, ValueError
             The group is not complete, or `ResultMesh` refuses it.
         """
-        stored = arrays(group)
+
+        def widen(group: _Group) -> Record:
+            return {
+                name: array.astype(np.int64) if array.dtype == np.int32 else array
+                for name, array in arrays(group).items()
+            }
+
+        stored = widen(group)
 
         def blocks(name: str) -> list[Cells]:
             if name not in group:
                 return []
-            inner, blocks_read = group[name], arrays(group[name])
+            inner, blocks_read = group[name], widen(group[name])
             return [
                 Cells(
                     str(inner[k].attrs["kind"]),
@@ -179,6 +188,12 @@ def _pick(displacement: Floats, dofs: Ints) -> Floats:
     """Entries of an array, and zero for the number -1."""
     picked: Floats = np.where(dofs >= 0, displacement[dofs], 0.0)
     return picked
+
+
+def _shorten(array: AnyArray) -> AnyArray:
+    """Whole numbers in 32 bits if they fit."""
+    fits = array.dtype.kind == "i" and array.max(initial=0) < 2**31
+    return array.astype(np.int32) if fits else array
 
 
 def _check(name: str, index: AnyArray, low: int, high: int | None) -> None:

@@ -444,7 +444,7 @@ def test_info_of_parts(tmp_path: Path) -> None:
         for step in result:
             series.add(step)
         series.end()
-    paraview.write_bodies(tmp_path / "whole.pvd", case.model, result)
+    paraview.write(tmp_path / "whole.pvd", case.model, result)
     reports = [
         json.loads(bipot("info", name, "--json", cwd=tmp_path).stdout)
         for name in ("it_0001.pvtu", "it.pvd", "whole.pvd")

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import pytest
 
 from bipot_rs.files import export
@@ -78,6 +79,9 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
     assert left(tmp_path) == (False, 3)
     names = {path.name for path in (tmp_path / "here").iterdir()}
     assert {"result.pvd", "steps.csv", "result_0002.vtu"} <= names
+    with h5py.File(tmp_path / "here" / "result.vtkhdf") as file:
+        assert file["VTKHDF/Steps"].attrs["NSteps"] == 3
+        assert len(file["VTKHDF/Steps/Values"]) == 3
 
 
 @pytest.mark.parametrize(

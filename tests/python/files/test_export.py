@@ -63,7 +63,7 @@ def test_datasets_say_what_they_hold(tmp_path: Path) -> None:
         CONTACTS,
         [step, step],
         complete=True,
-        fields=lambda k: {"pressure": np.full(3, float(k)), "time": k + 1.0},
+        fields=lambda k: {"pressure": np.full(3, 1.0 * k), "time": k + 1.0, "load": 0},
         units=units,
     )
     with h5py.File(tmp_path / "a.h5") as file:

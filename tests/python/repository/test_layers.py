@@ -54,7 +54,7 @@ RUST_NAMES = {
 }
 PYTHON_NAMES = {
     "skfem": ("mesh/kinds.py", "mesh/serendipity.py"),
-    "h5py": ("files/export.py", "fclib.py"),
+    "h5py": ("files/export.py", "files/vtkhdf.py", "fclib.py"),
     "pandas": ("contact/results/tables.py",),
     "petsc4py": ("petsc/library.py",),
     "mpi4py": ("petsc/library.py",),

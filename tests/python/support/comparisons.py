@@ -38,7 +38,8 @@ def content(path: Path) -> dict[str, Any]:
             content_by_name[name] = (node.dtype.str, node.shape, node[()].tobytes())
         for key, value in node.attrs.items():
             if key != "seconds":
-                content_by_name[f"{name}@{key}"] = value
+                plain = value.tolist() if isinstance(value, np.ndarray) else value
+                content_by_name[f"{name}@{key}"] = plain
 
     with h5py.File(path) as file:
         take("", file)

@@ -23,7 +23,7 @@ LAST_LINE = {
 }
 
 
-FILES = {"result.h5", "result.pvd", "contact.pvd", "steps.csv"}
+FILES = {"result.h5", "result.vtkhdf", "result.pvd", "contact.pvd", "steps.csv"}
 
 
 def bipot(

@@ -51,7 +51,7 @@ def summarise(name: str) -> dict[str, object]:
         return fields.summarise(path)
     if suffix in mesh.SUFFIXES:
         return mesh.summarise(path)
-    if suffix == ".h5":
+    if suffix in (".h5", ".vtkhdf"):
         return result.summarise(path)
     if path.is_file() and suffix not in ("", ".toml"):
         raise ValueError(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as replaced
 from importlib import import_module
@@ -20,6 +21,7 @@ from bipot_rs.cli.progress import Progress, complain, tell
 from bipot_rs.cli.run.names import ENOUGH, PETSC
 from bipot_rs.cli.run.output_files import Output, origin
 from bipot_rs.cli.run.output_folder import (
+    LINK,
     RESULT,
     UNFINISHED,
     describe,
@@ -30,6 +32,7 @@ from bipot_rs.cli.run.shared_runner import PHASES, SharedRunner
 from bipot_rs.petsc.run.ranks import World, read_launcher
 
 if TYPE_CHECKING:
+    from bipot_rs._lib.types import AnyArray
     from bipot_rs.cli.run.output_files import Checkpoint
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.problem import ContactProblem
@@ -446,17 +449,32 @@ class Job(SharedRunner):
                 if request.fclib and self.problem is not None:
                     name = request.scene or ""
                     out.problems(name, scene, case, self.problem, message)
-            self._bodies(out, case)
+            self._parts(out, case)
         elif not interrupted:
             return code, message
-        came = self.ranks.broadcast(self.interrupts.came)
-        if code == SOLVED and came is not None:
-            self.interrupts.take(came)
-            code, message = self.interrupted
+        of_cells: Iterator[Mapping[str, AnyArray]] = iter(())
+        if scene is not None and case is not None:
+            several = self.ranks.count > 1
+            of_cells = out.stresses(case) if several else out.bodies(case)
+
+        def finish(came: int | None) -> dict[str, object]:
+            """Attributes of the file, of which a signal up to now tells how the run ended."""
+            nonlocal code, message
+            if code == SOLVED and came is not None:
+                self.interrupts.take(came)
+                code, message = self.interrupted
+            return {**self._attributes(message, stamp), "complete": code == SOLVED}
+
+        finish(self.ranks.broadcast(self.interrupts.came))
         with self._phase("write"):
             if self.ranks.first:
-                attributes = self._attributes(message, stamp)
-                out.result(complete=code == SOLVED, attributes=attributes)
+                alone = self.ranks.count == 1
+                out.result(
+                    lambda: finish(self.interrupts.came if alone else None), of_cells
+                )
+                # Some file systems have no links.
+                with suppress(OSError):
+                    (draft / LINK).symlink_to(RESULT)
                 replace(draft, folder)
         self.kept = True
         if self.shared:
@@ -477,11 +495,9 @@ class Job(SharedRunner):
         if self.request.plot and self.reached:
             out.pictures(scene, case)
 
-    def _bodies(self, out: Output, case: Case) -> None:
-        """Write the series of the bodies; each of several ranks writes its cells."""
-        if not isinstance(self.ranks, World) or self.ranks.count == 1:
-            with self._phase("write"):
-                out.bodies(case)
+    def _parts(self, out: Output, case: Case) -> None:
+        """Write the series of the bodies, if several ranks write their cells."""
+        if self.ranks.count == 1:
             return
         from bipot_rs.contact.results.solution import Computed
         from bipot_rs.fem.paraview import Part

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from bipot_rs.cli.run.output_folder import RESULT
 
 if TYPE_CHECKING:
-    from bipot_rs._lib.types import AnyArray
+    from bipot_rs._lib.types import AnyArray, Floats
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.solution import Step
@@ -117,13 +117,13 @@ class Output:
                 units=self._units(),
             )
 
-    def bodies(self, case: Case) -> None:
-        """Write the series of the bodies."""
+    def bodies(self, case: Case) -> Iterator[dict[str, AnyArray]]:
+        """Write the series of the bodies step by step; yields the fields of their cells."""
         from bipot_rs.fem.paraview import write_bodies
 
         steps = [step for _, step in self.reached]
         with self._file("result.pvd") as path:
-            write_bodies(
+            yield from write_bodies(
                 path,
                 case.model,
                 steps,
@@ -137,6 +137,13 @@ class Output:
                 instants=self._instants(),
                 units=self._units(),
             )
+
+    def stresses(self, case: Case) -> Iterator[dict[str, Floats]]:
+        """The stress of all cells in each step, where each rank writes a part of them."""
+        from bipot_rs.fem.paraview import cell_fields
+
+        for k, (_, step) in enumerate(self.reached):
+            yield cell_fields(case.model, step.displacement, case.rest_of(k, step))
 
     def table(
         self, columns: Sequence[str], rows: Sequence[Mapping[str, object]]
@@ -190,7 +197,11 @@ class Output:
         with writing(self.folder / "problem-….hdf5"):
             write_path(self.draft / "problem", problem, result, info=info)
 
-    def result(self, *, complete: bool, attributes: Mapping[str, object]) -> None:
+    def result(
+        self,
+        attributes: Callable[[], Mapping[str, object]],
+        of_cells: Iterable[Mapping[str, AnyArray]] = (),
+    ) -> None:
         """Write result.h5."""
         from bipot_rs.contact.results.contact_fields import make_path_fields
         from bipot_rs.fem.contact_surface import result_mesh
@@ -207,12 +218,13 @@ class Output:
                 path,
                 self._contacts(),
                 self._steps(),
-                complete=complete,
-                attributes={**labels, **attributes},
+                complete=False,
+                attributes=lambda: {**labels, **attributes()},
                 fields=make_path_fields(
                     steps, self._contacts(), self._instants(), mesh
                 ),
                 mesh=mesh,
+                of_cells=of_cells,
                 units=self._units(),
             )
 
@@ -315,7 +327,7 @@ class Checkpoint:
         limit = _GRANTED + _SHARE * (began - self._began)
         if len(out.reached) == self.steps or (self._spent > limit and not always):
             return
-        out.result(complete=False, attributes=self._attributes)
+        out.result(lambda: self._attributes)
         (self.draft / RESULT).replace(self.path)
         self.steps = len(out.reached)
         self._spent += perf_counter() - began

@@ -18,6 +18,8 @@ if sys.platform != "win32":
     import fcntl
 
 RESULT = "result.h5"
+# A link to it: ParaView chooses its reader by the suffix.
+LINK = "result.vtkhdf"
 # Load steps of a run on several ranks, while result.h5 holds another run.
 UNFINISHED = "unfinished.h5"
 # The table of a sweep, and what it is a study of.
@@ -35,6 +37,7 @@ _SERIES = re.compile(
 )
 _NAMES = (
     RESULT,
+    LINK,
     UNFINISHED,
     "result.pvd",
     "contact.pvd",

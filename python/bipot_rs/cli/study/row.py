@@ -185,10 +185,8 @@ class _Attempt:
             made = origin(
                 row.scene, format_settings(row.settings), scene, self.problem, message
             )
-            Output(here, here, scene, case, self.reached, ()).result(
-                complete=code == SOLVED,
-                attributes=made | stamps(scene, row.method, row.tol),
-            )
+            made |= stamps(scene, row.method, row.tol) | {"complete": code == SOLVED}
+            Output(here, here, scene, case, self.reached, ()).result(lambda: made)
         except (OSError, MemoryError) as error:
             return code, _and(message, f"no {RESULT}: {outcome(error)[1]}")
         return code, message
