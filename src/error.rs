@@ -4,6 +4,10 @@
 //! no solution; and an interruption. A solver that has not converged gives no error: it
 //! returns its [`Outcome`].
 //!
+//! A function with a flag `stop` returns [`Error::Interrupted`] once it is set, a method of
+//! solution `Ended`, and what calls an engine the errors of that engine: other texts on errors
+//! name what else there is.
+//!
 //! [`Outcome`]: crate::solver::Outcome
 
 /// What is wrong, and where.

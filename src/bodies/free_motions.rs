@@ -101,9 +101,6 @@ impl Question<'_> {
     }
 
     /// The error after a pivot that is not positive.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn explain_pivot(&self, met: Error) -> Result<Error, Error> {
         match self.check_whole() {
             Err(Error::Interrupted) => Err(Error::Interrupted),

@@ -117,9 +117,6 @@ impl DiagonalScaling {
 /// The softest motions of a body with a definite interior: inverse iteration on `S`, whose kept
 /// unknowns are scaled to order one, with `x_i = −K_ii⁻¹ K_ic x_c`, corrected until the
 /// interior rows are in balance. `None` if `S` is far from semidefinite.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub(super) fn iterate_on_contact_set(
     (k, kept, factor): (&OwnedMatrix, &[usize], &Factor),
     schur: &[f64],
@@ -179,9 +176,6 @@ pub(super) fn iterate_on_contact_set(
 
 /// The softest motions of a body whose interior may be singular: inverse iteration on the whole
 /// K with its diagonal increased. `None` if this matrix is indefinite.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub(super) fn iterate_on_all(
     (k, kept, symbolic): (&OwnedMatrix, &[usize], &Arc<Symbolic>),
     weights: &DiagonalScaling,

@@ -323,9 +323,6 @@ impl Bodies {
     }
 
     /// [`Bodies::displacements`] of one state.
-    ///
-    /// # Errors
-    /// The same.
     pub fn displacement<const D: usize>(
         &self,
         surface: &Surface<D>,

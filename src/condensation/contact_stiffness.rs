@@ -29,9 +29,6 @@ pub struct ContactStiffness {
 impl ContactStiffness {
     /// `S` without rigid motions, if supports hold the body beyond doubt. `weakest_pivot` is
     /// that of the interior.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub(super) fn of_held_body(
         body: &OrderedBody,
         schur: &[f64],

@@ -260,9 +260,6 @@ impl<const D: usize> Problem<D> {
     }
 
     /// As [`Bodies::relative_displacement`].
-    ///
-    /// # Errors
-    /// The same.
     pub fn relative_displacement(&self, state: Loaded<'_, D>) -> Result<Vec<[f64; D]>, Error> {
         self.bodies().relative_displacement(self.surface(), state)
     }

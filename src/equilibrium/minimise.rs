@@ -45,9 +45,6 @@ pub struct Optimum {
 
 impl ConeSet {
     /// Finds the least `cost·y`, or a direction without one.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn minimise(&self, cost: &[f64], limits: Limits) -> Result<Optimum, Error> {
         let mut programme = Programme::new(self.unknowns);
         programme.cost.copy_from_slice(cost);

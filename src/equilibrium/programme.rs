@@ -97,9 +97,6 @@ impl Programme {
     }
 
     /// Searches until relative residuals and gap are `enough`. Every run gives the same bits, if no limit ends it.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn solve(self, enough: f64, limits: Limits) -> Result<End, Error> {
         let (rows, columns, entries) = (self.right.len(), self.cost.len(), self.value.len());
         let diagonal: Vec<usize> = (0..columns).filter(|&j| self.squares[j] != 0.0).collect();

@@ -24,9 +24,6 @@ pub struct CgSolution {
 /// `apply` writes `A x` to its second argument; `precondition` writes `M⁻¹ r`. The change of the
 /// residual enters the direction (Polak and Ribière), because a preconditioner in single
 /// precision is not quite constant.
-///
-/// # Errors
-/// [`Error::Interrupted`] if `stop` is set.
 pub fn solve(
     mut apply: impl FnMut(&[f64], &mut [f64]),
     mut precondition: impl FnMut(&[f64], &mut [f64]),

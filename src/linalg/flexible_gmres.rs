@@ -40,9 +40,6 @@ type Direction = Vec<f32>;
 /// Minimises `‖b − A x‖` over growing spaces of preconditioned directions [Saad 1993].
 ///
 /// `apply` writes `A x` to its second argument; `precondition` writes `M⁻¹ v`.
-///
-/// # Errors
-/// [`Error::Interrupted`] if `stop` is set.
 pub fn solve(
     mut apply: impl FnMut(&[f64], &mut [f64]),
     mut precondition: impl FnMut(&[f64], &mut [f64]),

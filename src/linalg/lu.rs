@@ -102,9 +102,6 @@ impl Lu {
 type Exchanges = (Vec<usize>, bool);
 
 /// Factors a matrix of order `n` by columns, in place; `None` if a pivot is at most `rounding`.
-///
-/// # Errors
-/// [`Error::Interrupted`] if `stop` is set.
 pub(crate) fn factor(
     columns: &mut [f64],
     n: usize,

@@ -52,9 +52,6 @@ pub struct Ellipsoid {
 impl Lower {
     /// Makes it from the lower triangle, by columns, of a symmetric matrix that differs from
     /// `A` by at most `error` in norm. `None` if `A` is not positive definite beyond rounding.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn new(
         mut a: Vec<f64>,
         n: usize,
@@ -105,9 +102,6 @@ impl Lower {
 impl VerifiedCholesky {
     /// As [`Lower::new`]; also `None` if the factor is so nearly singular that solves with it
     /// have no bound.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn new(
         a: Vec<f64>,
         n: usize,
@@ -230,9 +224,6 @@ impl VerifiedCholesky {
 
 /// Whether every matrix that differs from a symmetric one, given as in [`Lower::new`], by at
 /// most `error` is positive definite.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn is_definite(a: Vec<f64>, n: usize, error: f64, stop: &AtomicBool) -> Result<bool, Error> {
     Ok(Lower::new(a, n, error, stop)?.is_some())
 }

@@ -111,9 +111,6 @@ pub fn contacts_alone<'a, const D: usize>(
 
 /// Computes the certificate of a point. `force` is `f` of its step, `terms` the sizes of the
 /// terms of `A y`, for the rounding; without them the rounding is zero.
-///
-/// # Errors
-/// Those of the engine.
 pub fn judge<const D: usize, E: Engine<D>>(
     engine: &mut E,
     contacts: &Contacts<D>,

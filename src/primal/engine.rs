@@ -55,15 +55,9 @@ pub trait Engine<const D: usize> {
     fn is_held(&self, tangent: &Tangent<D>, statuses: &[Status]) -> bool;
 
     /// `A y`.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn product(&mut self, y: &Self::Vector) -> Result<Self::Vector, Self::Error>;
 
     /// `y + s x`.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn add(
         &mut self,
         y: Self::Vector,
@@ -72,9 +66,6 @@ pub trait Engine<const D: usize> {
     ) -> Result<Self::Vector, Self::Error>;
 
     /// `A y − f`, in twice the precision where the engine has it.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn unbalanced(
         &mut self,
         y: &Self::Vector,
@@ -85,40 +76,22 @@ pub trait Engine<const D: usize> {
     }
 
     /// The values at the contacts; zero for a component without an unknown.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn at_contacts(&mut self, y: &Self::Vector) -> Result<Vec<[f64; D]>, Self::Error>;
 
     /// Euclidean norm.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn norm(&mut self, y: &Self::Vector) -> Result<f64, Self::Error>;
 
     /// Largest magnitude.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn largest(&mut self, y: &Self::Vector) -> Result<f64, Self::Error>;
 
     /// Norm of `e` after the reactions are subtracted at the unknowns of the contacts.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn imbalance(&mut self, e: &Self::Vector, reaction: &[[f64; D]]) -> Result<f64, Self::Error>;
 
     /// `|Tᵀ| |K| |T y|`.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn terms(&mut self, y: &Self::Vector) -> Result<Terms<D>, Self::Error>;
 
     /// Solves the system of a Newton step to the relative residual `tol`. `e` is `A y − f` at
     /// its point. `None` if there is no preconditioner.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn correction(
         &mut self,
         tangent: &Tangent<D>,
@@ -128,9 +101,6 @@ pub trait Engine<const D: usize> {
     ) -> Result<Option<Correction<Self::Vector>>, Self::Error>;
 
     /// The correction by one application of the preconditioner; `None` if there is none.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn estimate(
         &mut self,
         tangent: &Tangent<D>,
@@ -139,8 +109,5 @@ pub trait Engine<const D: usize> {
     ) -> Result<Option<Self::Vector>, Self::Error>;
 
     /// Whether more than `seconds` have passed since `start`.
-    ///
-    /// # Errors
-    /// Those of the engine.
     fn is_late(&mut self, start: Instant, seconds: f64) -> Result<bool, Self::Error>;
 }

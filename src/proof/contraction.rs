@@ -14,9 +14,6 @@ use crate::proof::weights::Common;
 ///
 /// `c ≥ α = λ_max(M½ W_tt M½)` if `c 1 − M½ W_tt M½` has a Cholesky factor, and then `L ≤ ℓ`
 /// if `W − (c/ℓ²) P_nᵀ M P_n` has one.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn contraction<const D: usize>(
     monotonicity: &Monotonicity<D>,
     common: &Common,

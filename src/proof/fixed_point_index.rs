@@ -30,9 +30,6 @@ const WORST_CONDITION: f64 = 1e10;
 /// The index of a solution, `det(B + A W)/|det(B + A W)|`, with `B`, `A` the derivatives of
 /// (19) by `r` and by `v`; open contacts give 1. `None` at a boundary between statuses, where
 /// (19) has no derivative, if rounding might change the sign, and for laws other than Coulomb's.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn index<const D: usize>(
     problem: &Reduced<D>,
     nodes: Range<usize>,

@@ -404,9 +404,6 @@ impl<const D: usize> Monotonicity<D> {
 
 /// An `α` with `L Lᵀ ≽ α H`, proved, for a symmetric `A` with the lower factor `lower` and a
 /// positive definite `H`; both with their rounding errors.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn least_ratio(
     (form, error): (&[f64], f64),
     lower: &Lower,

@@ -47,9 +47,6 @@ pub fn bytes<const D: usize>(contacts: usize, with_friction: usize) -> usize {
 }
 
 /// Decides whether the solution `r`, in the order of positions, is unique.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn assess<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
@@ -91,9 +88,6 @@ pub fn assess<const D: usize>(
 }
 
 /// [`assess`] in the plane, where all statuses of few contacts can be tried.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn assess_plane(
     problem: &Reduced<2>,
     r: &[[f64; 2]],

@@ -113,9 +113,6 @@ fn of_shape<const D: usize>(
 
 /// Weights of each contact, from common ones; `None` if those suffice, or if the search would
 /// take too long.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn refined<const D: usize>(
     monotonicity: &Monotonicity<D>,
     start: &Common,

@@ -329,9 +329,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// Makes the inverse of each island that has none. Returns whether `W` has an inverse of
     /// sufficient accuracy.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn make_inverse(&self, stop: &AtomicBool) -> Result<bool, Error> {
         for island in &self.islands {
             if self.inverse_known() == Some(false) {

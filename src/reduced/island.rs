@@ -391,9 +391,6 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// Makes the inverse, unless it is known whether there is one.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn make_inverse(&self, stop: &AtomicBool) -> Result<(), Error> {
         if let (None, Part::Dense(matrix)) = (self.inverse_known(), &self.part) {
             let made = inverse(matrix, self.order(), stop)?;

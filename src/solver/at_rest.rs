@@ -57,9 +57,6 @@ pub fn of_problem<const D: usize>(problem: &Reduced<D>) -> Result<Statics, Error
 
 /// Decides whether reactions balance the loads. A proof that the rounding of the loads may
 /// explain is withdrawn.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub(super) fn ask<const D: usize>(
     problem: &Reduced<D>,
     stop: &AtomicBool,

@@ -85,9 +85,6 @@ const STAGES: [(Stage, [Turn; 3]); 6] = [
 ];
 
 /// Runs until the monitor stops it.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,

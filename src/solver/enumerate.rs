@@ -92,9 +92,6 @@ pub fn is_coulomb<const D: usize>(problem: &Reduced<D>) -> bool {
 /// Finds all solutions of a plane problem of up to [`MOST_CONTACTS`] contacts with Coulomb's law.
 ///
 /// An empty list with `complete` proves that the problem has no solution.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, Error> {
     within(problem, usize::MAX, stop)
 }
@@ -134,9 +131,6 @@ impl<const D: usize> Few<D> {
 
 /// [`answers`] in the positions of the problem, if it is plane and has few contacts with
 /// Coulomb's law; else `None`.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn few<const D: usize>(
     problem: &Reduced<D>,
     stop: &AtomicBool,

@@ -42,9 +42,6 @@ pub struct Sweeper<'p, const D: usize> {
 }
 
 /// Runs until the monitor stops it.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
@@ -167,9 +164,6 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     /// Passes a point to the monitor.
-    ///
-    /// # Errors
-    /// [`Ended`].
     pub fn look(
         &self,
         point: &GaussSeidelPoint<D>,
@@ -199,9 +193,6 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     /// Makes `count` accelerated sweeps, unless the monitor stops them before.
-    ///
-    /// # Errors
-    /// [`Ended`].
     pub fn run(
         &self,
         point: &mut GaussSeidelPoint<D>,

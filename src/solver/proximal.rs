@@ -21,9 +21,6 @@ const MOST: f64 = 1.0;
 
 /// Makes the `number`-th attempt from `(r, a)`, with at most `most` Newton steps; returns its
 /// last point.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],

@@ -293,9 +293,6 @@ fn bilateral_start<const D: usize>(
 }
 
 /// The solution at a known point, with its certificate; its work is that of the certificate.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn certify<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,

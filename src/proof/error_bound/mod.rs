@@ -200,9 +200,6 @@ pub type Reported<'a, const D: usize> = (&'a [[f64; D]], &'a [[f64; D]]);
 
 impl<const D: usize> Prepared<D> {
     /// Weights, factors and widths for a problem.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn new(problem: &Reduced<D>, stop: &AtomicBool) -> Result<Self, Error> {
         let units = Units::of(problem);
         let islands = Self::islands(problem, &units, stop)?;
@@ -253,9 +250,6 @@ impl<const D: usize> Prepared<D> {
 
     /// The bound at a reaction in the order of positions. `given` is its reported relative
     /// displacement; without it, `W r + q` is used.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn bound(
         &self,
         problem: &Reduced<D>,

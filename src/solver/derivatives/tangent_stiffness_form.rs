@@ -43,9 +43,6 @@ pub struct TangentStiffnessForm<const D: usize> {
 
 impl<const D: usize> TangentStiffnessForm<D> {
     /// Factors the system; `None` if this form does not pay or does not exist.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn new(
         compliance: &Arc<Compliance<'static, D>>,
         scaling: &Scaling<D>,

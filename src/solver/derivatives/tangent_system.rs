@@ -57,9 +57,6 @@ pub(super) struct Conditioned {
 impl Conditioned {
     /// Factors a matrix given by rows, with the sizes of its rows and the scales of its columns;
     /// `None` if it is singular.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub(super) fn new(
         mut matrix: Vec<f64>,
         sizes: Vec<f64>,

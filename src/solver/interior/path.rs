@@ -16,9 +16,6 @@ use crate::solver::tuning;
 /// Follows paths, each from its own start, until one ends near a solution. `path` is the first
 /// one to follow and becomes the next one. No path is followed twice: it would end at the same
 /// point.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     path: &mut usize,

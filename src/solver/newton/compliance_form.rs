@@ -131,9 +131,6 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
 
     /// The next `(r, a)` from `(r, a)` with `imbalance = R̂ᵀ r̂ + ê`. An iterative solution is
     /// accurate to `tol` of the step. `None` if the matrix is singular.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn solve(
         &self,
         (r, rigid): (&[[f64; D]], &[f64]),
@@ -194,9 +191,6 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
 
     /// Solves a system in which all contacts are held and there are no rigid motions. Its
     /// matrix is a part of `W`, definite if `W` is symmetric.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn solve_definite(
         &self,
         r: &[[f64; D]],

@@ -22,9 +22,6 @@ use crate::solver::settings::Start;
 use crate::solver::tuning;
 
 /// Newton alone: from the start until it converges or stalls.
-///
-/// # Errors
-/// [`Ended`].
 pub fn alone<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
@@ -48,9 +45,6 @@ pub fn alone<const D: usize>(
 
 /// Makes Newton steps from `(r, a)` until it converges or stalls: at a better point, or at
 /// `None`.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
@@ -158,9 +152,6 @@ impl<const D: usize> Near<D> {
 }
 
 /// [`run`] on a nearby problem, until its merit is at most `enough`.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run_near<const D: usize>(
     problem: &Reduced<D>,
     near: &Near<D>,
@@ -262,9 +253,6 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
 
 /// The full step of a linearised law from `(r, v, a)` with `imbalance = R̂ᵀ r̂ + ê`, by the
 /// cheaper form. `None` if its matrix is singular.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn solve<const D: usize>(
     problem: &Reduced<D>,
     law: &Linearisation<D>,
@@ -288,9 +276,6 @@ pub fn solve<const D: usize>(
 
 /// The solution `(r, a)` with some contacts held in every direction and the others open. `None`
 /// if it is not unique.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn held_at<const D: usize>(
     problem: &Reduced<D>,
     holds: impl Fn(usize) -> bool,

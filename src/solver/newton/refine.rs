@@ -36,9 +36,6 @@ struct RefinementStep<const D: usize> {
 
 /// The relative forward errors of `r` and of `v + before` at a point; `None` if the correction
 /// is not determined. `before` is the total of the earlier steps, empty for a single problem.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn forward_error<const D: usize>(
     problem: &Reduced<D>,
     point: &RefinedPoint<D>,
@@ -50,9 +47,6 @@ pub fn forward_error<const D: usize>(
 
 /// The same for changes `wanders` of `v` and of `ê`: how far each changes the reactions, and with
 /// these the relative displacements, to first order; the largest.
-///
-/// # Errors
-/// [`Error::Interrupted`].
 pub fn forward_change<const D: usize>(
     problem: &Reduced<D>,
     point: &RefinedPoint<D>,

@@ -63,9 +63,6 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
 
     /// The next `(r, a)` from `(r, v, a)` with `imbalance = R̂ᵀ r̂ + ê`; `None` if the matrix
     /// is singular or `W` has no inverse.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     pub fn solve(
         &self,
         (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),

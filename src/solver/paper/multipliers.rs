@@ -68,9 +68,6 @@ pub fn regularise<const D: usize>(
 
 /// Runs from multipliers equal to the start value until the monitor stops it, or new multipliers
 /// give no improvement.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     step: MapStep,

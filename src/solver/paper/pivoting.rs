@@ -251,9 +251,6 @@ struct PivotingPath<'p, const D: usize> {
 }
 
 /// Runs until the monitor stops it or no path continues.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,

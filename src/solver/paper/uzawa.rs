@@ -57,9 +57,6 @@ impl<const D: usize> UzawaPoint<D> {
 }
 
 /// Runs until the monitor stops it.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     variant: Variant,
@@ -77,9 +74,6 @@ pub fn run<const D: usize>(
 
 /// Makes `count` steps with momentum and frozen laws from `(r, a)`. For a symmetric positive
 /// semidefinite `W` they converge, but slowly.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run_burst<const D: usize>(
     problem: &Reduced<D>,
     frozen: &[Frozen<D>],

@@ -34,9 +34,6 @@ pub fn frozen_contact<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> V
 }
 
 /// Runs until the monitor stops it or passes give no improvement.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,

@@ -59,9 +59,6 @@ impl<const D: usize> PrinciplePoint<D> {
 /// Solves the problem with frozen laws from a point, until its merit is at most `enough`; the
 /// last point need not be the minimum if that takes too long. The monitor checks every point with
 /// Coulomb's law.
-///
-/// # Errors
-/// [`Ended`].
 pub fn minimise<const D: usize>(
     problem: &Reduced<D>,
     frozen: Vec<Frozen<D>>,
@@ -157,9 +154,6 @@ pub fn iterate<const D: usize>(
 }
 
 /// Makes passes of one convex problem each, whose laws follow from the point before.
-///
-/// # Errors
-/// [`Ended`].
 pub fn iterate_frozen<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,

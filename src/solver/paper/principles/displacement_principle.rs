@@ -35,9 +35,6 @@ pub fn frozen<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Froze
 }
 
 /// Runs until the monitor stops it or passes give no improvement.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,

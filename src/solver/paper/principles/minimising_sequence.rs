@@ -124,9 +124,6 @@ fn step<const D: usize>(
 
 /// Runs until the monitor stops it or steps give no improvement. The fields of complete steps
 /// are added to `sequence`; the monitor may stop in the middle of a step.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,

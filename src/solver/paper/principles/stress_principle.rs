@@ -24,9 +24,6 @@ pub fn frozen<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<Froze
 }
 
 /// Runs until the monitor stops it or passes give no improvement.
-///
-/// # Errors
-/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
