@@ -16,6 +16,7 @@ therefore distances to their *graphs*: the largest of the distances of their par
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -363,6 +364,48 @@ def verdicts(
         raise ValueError(f"tol is {tol}, expected a positive number")
     limit = tol * size(law, du, dt, rho)
     return {name: form(law, du, dt, rho) <= limit for name, form in FORMS.items()}
+
+
+def explicit_path(W: ArrayLike, q: ArrayLike, mu: float) -> Floats:
+    """Reactions of one contact by explicit integration of (51), which drifts from the cone.
+
+    Status and direction of slip, ``m = t_t/‖t_t‖``, are those at the start of a step, and
+    the cone is replaced by its tangent there. A contact that is open stays open in the step;
+    otherwise it ends closed, ``v_n = 0``, with ``t_n < 0`` if necessary, and then opens in
+    the next one. On the border of the cone or outside it slides, ``Δv_t = -λ m``,
+    ``m·Δt_t = μ Δt_n``; with ``λ < 0`` it sticks.
+
+    Parameters
+    ----------
+    W, q
+        ``v = W t + q``: ``(d, d)``, nonsingular, and ``(steps + 1, d)`` from the state
+        without reaction on.
+    mu
+        Friction coefficient, positive.
+
+    Returns
+    -------
+    t
+        At the end of each step, ``(steps, d)``. `bipot_rs.ContactProblem` keeps to the cone.
+    """
+    free = floats("q", q, ndim=2)
+    d = free.shape[1]
+    compliance = floats("W", W, shape=(d, d))
+    path = [np.zeros(d)]
+    for start, end in pairwise(free):
+        t, dt = path[-1], -path[-1]
+        v, force, moved = compliance @ t + start, length(t[1:]), start - end
+        moved[0] -= v[0]
+        if t[0] > 0 or (t[0] == 0 and v[0] <= 0):
+            dt = np.linalg.solve(compliance, moved)
+            if force > 0 and force >= mu * t[0]:
+                m = np.r_[0.0, t[1:] / force]
+                tangent = m - mu * np.eye(d)[0]
+                system = np.block([[compliance, m[:, None]], [tangent, np.zeros(1)]])
+                *slides, rate = np.linalg.solve(system, np.r_[moved, 0.0])
+                dt = np.array(slides) if rate >= 0 else dt
+        path.append(t + dt)
+    return np.array(path[1:])
 
 
 def step_of(result: Result, k: int) -> tuple[Coulomb, Floats, Floats]:
