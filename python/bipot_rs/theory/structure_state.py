@@ -92,8 +92,8 @@ class StructureStep(StructureState):
         Contacts that are open by more than the tolerance, ``(n_c,)``.
     work
         Elastic energies, plastic work and work of the contacts in the step, each without its
-        sign [J]: the size that gaps and imbalance are relative to. Not less than the energy
-        of the reactions in `Structure.springs`.
+        sign [J]: the size that gaps and imbalance are relative to. Not less than half of
+        the work of the loads on the elastic structure with the springs of contacts.
     gap_soil
         ``∫ [β - σ:ε] dΩ`` relative to ``work``: the part of B of the plastic points, whose
         stresses satisfy the criterion.

@@ -145,6 +145,10 @@ class StepSolver:
         self.rho = np.repeat(structure.springs[:, None], structure.shape[1], axis=1)
         # A slip that supports prescribe is at the limit, however short it is.
         self.rho[structure.guided, 1:] *= _GUIDED
+        # Where contacts hold all at rest, the others are rounding. Not from reactions: those of
+        # contacts that hold each other may grow without bound, and hide what is wrong.
+        rest = load[structure.free]
+        self.least_work = 0.5 * float(rest @ structure.solve_elastic(rest))
         self.iterations = 0
 
     def solve(self, method: str, most: int) -> StructureStep:
@@ -331,8 +335,7 @@ class StepSolver:
             self.structure.points, stresses, flows, strict=True
         ):
             total += float(group.weights @ group.work(flow, stress))
-        # Where contacts hold all at rest, this is the size of the rounding of r·v.
-        return max(total, 0.5 * float(np.sum(r**2 / self.structure.springs[:, None])))
+        return max(total, self.least_work)
 
     def _newton(
         self,
