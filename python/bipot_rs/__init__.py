@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from bipot_rs.fem.checks import inspection as review  # noqa: F401
     from bipot_rs.frameworks import jax as jax
     from bipot_rs.frameworks import torch as torch
-    from bipot_rs.mortar.pairs import Pairs, pairs, rigid_pairs
+    from bipot_rs.mortar.pairs import Pairs, nodal_areas, pairs, rigid_pairs
     from bipot_rs.scene import builder as model  # noqa: F401
     from bipot_rs.scene.builder import Model as Model
     from bipot_rs.scene.builder import ModelResult as ModelResult
@@ -91,6 +91,7 @@ __all__ = [
     "fclib",
     "load",
     "load_result",
+    "nodal_areas",
     "pairs",
     "plots",
     "project",
@@ -127,7 +128,7 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.contact.results.state": ("State",),
         "bipot_rs.contact.law.status": ("Outcome", "Status"),
         "bipot_rs.contact.wear.record": ("Wear",),
-        "bipot_rs.mortar.pairs": ("Pairs", "pairs", "rigid_pairs"),
+        "bipot_rs.mortar.pairs": ("Pairs", "nodal_areas", "pairs", "rigid_pairs"),
         "bipot_rs.scene.builder": ("Model", "ModelResult"),
     },
     {

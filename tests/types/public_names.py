@@ -4,6 +4,7 @@ from typing import assert_type
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 import bipot_rs as bp
 
@@ -17,6 +18,11 @@ assert_type(bp.solve(K, K, gap=[0.0], mu=0.3, fixed=[0], tol=1e-9), bp.Result)
 assert_type(bp.load("result.h5"), bp.Result)
 assert_type(bp.load_result("result.h5"), bp.Result)
 assert_type(result[-1], bp.Step)
+assert_type(result.pressure, NDArray[np.float64])
+assert_type(result.points, NDArray[np.float64])
+assert_type(result[-1].shear_traction, NDArray[np.float64])
+assert_type(bp.nodal_areas([[0.0, 0.0]], [[0, 0]]), NDArray[np.float64])
+assert_type(problem.solve([-1.0, 0.0], mu=0.2, progress=True), bp.Result)
 assert_type(result[1:], tuple[bp.Step, ...])
 assert_type(list(result), list[bp.Step])
 assert_type(result[-1].outcome, bp.Outcome)

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple, SupportsIndex, SupportsInt, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun, meant
@@ -48,10 +48,7 @@ def floats(
     copy: bool = True,
 ) -> Floats:
     """``value`` as a C-ordered array of float64, by default a copy."""
-    try:
-        array_like = np.asarray(value)
-    except ValueError as error:
-        raise ValueError(f"{what} is not an array: {error}") from None
+    array_like = _as_array(what, value)
     if array_like.dtype.kind not in "iuf":
         raise TypeError(
             f"{what} has entries of type {array_like.dtype}, expected real numbers"
@@ -80,6 +77,13 @@ def floats(
     return array
 
 
+def _as_array(what: str, value: object) -> NDArray[Any]:
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{what} is not an array: {error}") from None
+
+
 def vectors(
     what: str, value: object, *, rows: str = "n_c", copy: bool = True
 ) -> Floats:
@@ -94,7 +98,7 @@ def vectors(
 
 def integers(what: str, value: object) -> Integers:
     """An array of integers."""
-    whole_numbers = np.asarray(value)
+    whole_numbers = _as_array(what, value)
     if whole_numbers.dtype.kind not in "iu":
         raise TypeError(
             f"{what} has entries of type {whole_numbers.dtype}, expected integers"
@@ -272,7 +276,7 @@ def _two_coefficients(mu: Floats, ratio: float) -> None:
 
 def indices(what: str, value: ArrayLike | None, limit: int) -> Ints:
     """Distinct indices below ``limit``."""
-    index_array = np.asarray([] if value is None else value)
+    index_array = _as_array(what, [] if value is None else value)
     if index_array.dtype == np.bool_:
         raise TypeError(
             f"{what} is a boolean mask, expected integers: use numpy.flatnonzero(mask)"
@@ -488,6 +492,8 @@ def together(
 def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Floats:
     """Gaps ``(n_c, d)``, from normal gaps ``(n_c,)`` or all components ``(n_c, d)``."""
     gaps_at_start = floats(what, value)
+    if gaps_at_start.ndim == 0:
+        gaps_at_start = np.full(contacts, float(gaps_at_start))
     if gaps_at_start.shape not in ((contacts,), (contacts, d)):
         raise ValueError(
             f"{what} has shape {gaps_at_start.shape}, expected ({contacts},) or ({contacts}, {d})"
@@ -498,6 +504,8 @@ def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Floats:
 def gaps(value: ArrayLike, contacts: int, d: int) -> Floats:
     """Gaps ``(steps, n_c, d)``, from the same, ``(steps, n_c)`` or ``(n_c,)``."""
     by_step = floats("gap", value)
+    if by_step.ndim == 0:
+        by_step = np.full(contacts, float(by_step))
     if by_step.shape == (contacts,):
         by_step = by_step[None]
     if by_step.shape[1:] not in ((contacts,), (contacts, d)):
@@ -557,6 +565,12 @@ def iteration_limit(max_iterations: int | None, maxiter: int | None) -> int | No
             "they are two names of one limit, give one of them"
         )
     return maxiter
+
+
+def logical(what: str, value: object) -> None:
+    """Refuse what is neither True nor False."""
+    if not isinstance(value, bool):
+        raise TypeError(f"{what} is {show_value(value)}, expected a bool")
 
 
 def callback(what: str, value: object) -> None:

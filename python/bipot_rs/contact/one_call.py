@@ -28,6 +28,7 @@ class _OfSolve(TypedDict, total=False):
     maxiter: int | None
     start: Start | None
     on_step: Callable[[int, Step], object] | None
+    progress: bool
 
 
 class _Keywords(_OfSolve, total=False):

@@ -30,6 +30,7 @@ from bipot_rs.contact.path.load_path import PathProblem, PathSolver
 from bipot_rs.contact.path.load_steps import Held, Loading, last_step
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.path.prepared import PreparedStiffness, StiffnessOptions
+from bipot_rs.contact.path.progress import show_progress
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.result import Result
@@ -232,7 +233,7 @@ class ContactProblem:
             points=points,
             frame=frame,
         )
-        if working_set and not self.contacts.law.is_coulomb:
+        if working_set is True and not self.contacts.law.is_coulomb:
             raise ValueError(
                 "working_set is True, expected None or False: with cohesion or dilatancy W "
                 "is formed for all contacts"
@@ -451,7 +452,9 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Start | None = None,
         on_step: Callable[[int, Step], object] | None = None,
+        progress: bool = False,
         gap: ArrayLike | MovingGaps | None = None,
+        mu: ArrayLike | None = None,
         maxiter: int | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history.
@@ -492,6 +495,10 @@ class ContactProblem:
             start of one's own: reactions and relative displacements from elsewhere.
         on_step
             Called as ``on_step(k, step)`` after each step.
+        progress
+            Whether to show a progress bar, of tqdm or of Rich, one of which is needed.
+        mu
+            Friction coefficients instead of those of the problem.
         gap
             Gaps of each step for moving obstacles, totals: ``(steps, n_c)`` along the
             normals or ``(steps, n_c, d)`` by component; for one step also ``(n_c,)``. One
@@ -531,11 +538,12 @@ class ContactProblem:
         steps = self.loading.list_totals(load, prescribed, gap, start)
         at = last_step(start)
         engine = self.stiffness.choose_engine(len(steps), method, at)
-        path = self._begin_path(engine, checked, start, gap)
-        for k, totals in enumerate(steps):
-            step = path.advance(*totals)
-            if on_step is not None:
-                on_step(k, step)
+        path = self._begin_path(engine, checked, start, gap, mu)
+        with show_progress(progress, len(steps), on_step) as report:
+            for k, totals in enumerate(steps):
+                step = path.advance(*totals)
+                if report is not None:
+                    report(k, step)
         return path.result()
 
     def follow(
@@ -554,6 +562,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Start | None = None,
         on_step: Callable[[int, Step], object] | None = None,
+        progress: bool = False,
         gap: Callable[[float], ArrayLike | MovingGaps] | None = None,
         maxiter: int | None = None,
     ) -> Result:
@@ -578,7 +587,7 @@ class ContactProblem:
             stops if a step of length ``smallest`` fails.
         slip
             Largest slip of a closed contact in one step [length].
-        method, tol, max_iterations, max_seconds, on_step
+        method, tol, max_iterations, max_seconds, on_step, progress
             As in `solve`.
         start
             A `Result` of such a path or one of its steps. The path continues from there,
@@ -622,7 +631,8 @@ class ContactProblem:
         expected = tuning.ADAPTIVE_STEPS * len(plan.stops)
         engine = self.stiffness.choose_engine(expected, method, last_step(start))
         path = self._begin_path(engine, checked, start, gap)
-        return solve_adaptively(path, totals, plan, on_step)
+        with show_progress(progress, float(plan.stops[-1]), on_step) as report:
+            return solve_adaptively(path, totals, plan, report)
 
     def solve_many(
         self,

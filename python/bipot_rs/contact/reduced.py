@@ -120,7 +120,8 @@ class ReducedProblem:
             border: Floats | CsrMatrix = np.empty((size, 0))
             force = np.empty(0)
         else:
-            if not hasattr(rigid, "__len__") or len(rigid) != 2:
+            given: Any = rigid
+            if not isinstance(given, tuple | list) or len(given) != 2:
                 raise TypeError(
                     f"rigid is {validation.show_value(rigid)}, expected the pair (R, e)"
                 )
@@ -571,10 +572,7 @@ class ReducedProblem:
             make_dense,
         )
 
-        if not isinstance(exhaust, bool):
-            raise TypeError(
-                f"exhaust is {validation.show_value(exhaust)}, expected a bool"
-            )
+        validation.logical("exhaust", exhaust)
         self.law.require_coulomb("existence")
         # In components scaled by these factors, friction is isotropic.
         by, mu = _core.isotropic(self.mu, self.q.shape[1])

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import MovingGaps
@@ -86,6 +87,8 @@ class DiscretisationError:
     reasons: tuple[str, ...]
     traction: Floats = field(repr=False)
     stress: tuple[Floats, ...] = field(repr=False)
+
+    __repr__ = short_repr
 
     @property
     def total(self) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import AnyArray, Floats, Ints, Record
 from bipot_rs.files.fields import MESH, labels
 
@@ -44,6 +45,8 @@ class Cells:
     corners: Ints
     body: str = ""
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, eq=False)
 class ResultMesh:
@@ -76,6 +79,8 @@ class ResultMesh:
     cells: Sequence[Cells] = ()
     contact_nodes: Ints | None = None
     contact_facets: Sequence[Cells] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         shape = self.nodes.shape

@@ -76,6 +76,45 @@ class Pairs:
         )
 
 
+def nodal_areas(points: ArrayLike, facets: ArrayLike) -> Floats:
+    """Area that belongs to each node, ∫ N over the facets, for ``area`` of a problem.
+
+    Parameters
+    ----------
+    points
+        Positions of all nodes of a body, or of its surface only, ``(nodes, d)`` [m].
+    facets
+        Nodes of linear facets, ``(facets, c)``, as in `pairs`.
+
+    Returns
+    -------
+    ndarray
+        ``(nodes,)`` [m²], in 2D lengths [m]; zero at nodes that belong to no facet.
+
+    Raises
+    ------
+    ValueError
+        Facets are quadratic, degenerate, folded or out of range; the message names them.
+
+    Examples
+    --------
+    >>> import bipot_rs as bp
+    >>> bp.nodal_areas([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]], [[0, 1], [1, 2]])
+    array([0.5, 1.5, 1. ])
+    """
+    mesh = surface("points", points, "facets", facets)
+    _require_linear(mesh, "give the facets of their corners")
+    return mesh.node_areas
+
+
+def _require_linear(mesh: FacetMesh, remedy: str) -> None:
+    if mesh.kind.nodes > mesh.kind.corners:
+        raise ValueError(
+            f"{mesh.name} has facets of the kind {mesh.kind.name}, whose corners have zero "
+            f"or negative areas: {remedy}"
+        )
+
+
 def pairs(
     points_slave: ArrayLike,
     facets_slave: ArrayLike,
@@ -390,11 +429,7 @@ def _nodes(
 
     from bipot_rs.mortar.integrals import Weights
 
-    if slave.kind.nodes > slave.kind.corners:
-        raise ValueError(
-            f"{slave.name} has facets of the kind {slave.kind.name}, whose corners have zero "
-            "or negative areas: use method='mortar', or linear facets"
-        )
+    _require_linear(slave, "use method='mortar', or linear facets")
     area = slave.node_areas
     node = np.flatnonzero(area > 0)
     normals = slave.node_normals[node]

@@ -7,6 +7,8 @@ the process. Colours can be distinguished without red and green, and in grey by 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from io import BytesIO
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -104,13 +106,27 @@ def axes_of(
 
     if ax is None:
         kind = {"projection": "3d"} if space else {}
-        return Figure(figsize=size, layout="constrained").add_subplot(**kind)
+        figure = Figure(figsize=size, layout="constrained")
+        return show_in_notebooks(figure.add_subplot(**kind))
     if not isinstance(ax, Axes):
         raise TypeError(f"ax is a {type(ax).__name__}, expected axes of matplotlib")
     if (ax.name == "3d") is not space:
         wanted = 'projection="3d"' if space else "no projection"
         raise TypeError(f"ax has projection {ax.name!r}, expected axes with {wanted}")
     return ax
+
+
+def show_in_notebooks(ax: Axes) -> Axes:
+    """``ax``, as a picture where a notebook shows it: pyplot does not know its figure."""
+    vars(ax)["_repr_png_"] = partial(_render, ax)
+    return ax
+
+
+def _render(ax: Axes) -> bytes:
+    """The picture with these axes, as PNG."""
+    picture = BytesIO()
+    figure_of(ax).savefig(picture, format="png")
+    return picture.getvalue()
 
 
 def figure_of(ax: Axes) -> Figure:

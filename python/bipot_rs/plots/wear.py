@@ -103,7 +103,7 @@ def both(
         legend.remove()
     above.set_xlabel("")
     axes: Axes = below
-    return axes
+    return style.show_in_notebooks(axes)
 
 
 def _ends(result: object) -> Result:

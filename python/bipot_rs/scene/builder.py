@@ -409,6 +409,7 @@ class Model:
         max_iterations: int | None = None,
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
+        progress: bool = False,
         maxiter: int | None = None,
     ) -> ModelResult:
         """Solve the whole path; bitwise the same result as `bipot run`.
@@ -425,6 +426,8 @@ class Model:
             steps, a single step is enough.
         on_step
             Called as ``on_step(k, step)`` after each step.
+        progress
+            As in `ContactProblem.solve`.
 
         Raises
         ------
@@ -459,6 +462,7 @@ class Model:
                 start=start,
                 first=first,
                 on_step=on_step,
+                progress=progress,
             )
         except BipotError as error:
             # The message counts steps from the start of the whole path.

@@ -148,6 +148,7 @@ class Case:
         start: Result | Step | None = None,
         first: int = 0,
         on_step: Callable[[int, Step], object] | None = None,
+        progress: bool = False,
         maxiter: int | None = None,
     ) -> Result:
         """Solve the path with the settings of the scene, by given or automatic steps.
@@ -166,6 +167,8 @@ class Case:
             Number of load steps already solved.
         on_step
             Called as ``on_step(k, step)``, k counted from ``first``.
+        progress
+            As in `ContactProblem.solve`.
 
         Raises
         ------
@@ -193,6 +196,7 @@ class Case:
                 gap=self._gaps_of(rest),
                 start=start,
                 on_step=on_step,
+                progress=progress,
                 **chosen,
             )
         steps = self.scene.path.count()
@@ -220,6 +224,7 @@ class Case:
             gap=None if self.gaps is None else gap,
             start=start,
             on_step=on_step,
+            progress=progress,
             **chosen,
         )
 

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 import bipot_rs._core as _core
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.errors import NoEquilibriumError
@@ -71,6 +72,8 @@ class LimitInterval:
     lower: float
     upper: float
     mechanism: Floats | None
+
+    __repr__ = short_repr
 
 
 def find_mechanism(structure: Assembled, load: ArrayLike) -> Floats | None:

@@ -524,3 +524,39 @@ def test_layers_are_found_among_many_facets() -> None:
             np.concatenate([facets, [len(x) + np.arange(4)]]),
         )
         assert pairs.area.sum() == pytest.approx(1 + size**2, rel=1e-12)
+
+
+def shoelace(x: Array) -> Array:
+    """Area and first moments ``(∫ 1, ∫ x, ∫ y)`` of plane polygons ``(m, c, 2)``."""
+    y = np.roll(x, -1, axis=1)
+    cross = x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]
+    moments = ((x + y) * cross[..., None]).sum(axis=(0, 1)) / 6
+    return np.array([cross.sum() / 2, *moments])
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+def test_nodal_areas_integrate_linear_functions(corners: int) -> None:
+    """Σ A and Σ A x of a tilted surface are its area and moments, by the shoelace formula."""
+    rng = np.random.default_rng(corners)
+    axis = np.arange(5.0)
+    flat = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
+    flat += rng.uniform(-0.2, 0.2, flat.shape)
+    k = (5 * np.arange(4)[:, None] + np.arange(4)).ravel()
+    facets = np.stack([k, k + 5, k + 6, k + 1], axis=1)
+    if corners == 3:
+        facets = np.concatenate([facets[:, :3], facets[:, [0, 2, 3]]])
+    basis = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
+    extra = np.zeros((1, 3))
+    areas = bp.nodal_areas(np.concatenate([flat @ basis, extra]), facets)
+    assert areas[-1] == 0.0
+    found = [areas.sum(), *(areas[:-1] @ flat)]
+    # Sums of 25 numbers of size 1 to 4.
+    np.testing.assert_allclose(found, shoelace(flat[facets]), rtol=1e-14)
+
+
+def test_nodal_areas_of_quadratic_facets_are_refused() -> None:
+    x = [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0]]
+    with pytest.raises(ValueError, match="give the facets of their corners"):
+        bp.nodal_areas(x, [[0, 1, 2]])
+    with pytest.raises(ValueError, match="facets has node 3 in facet 0"):
+        bp.nodal_areas(x, [[0, 3]])

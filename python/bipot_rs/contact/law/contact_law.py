@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import RATIO, by_contact, friction
 
@@ -24,6 +25,8 @@ class ContactLaw:
     cohesion: Floats | None = None
     # (n_c,): dilatancy, from zero to `mu`; `None` if it is zero at all contacts.
     dilatancy: Floats | None = None
+
+    __repr__ = short_repr
 
     @classmethod
     def check(

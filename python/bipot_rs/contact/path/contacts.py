@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import count_noun
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import AnyArray, Floats
 from bipot_rs._lib.validation import (
     Csr,
@@ -33,6 +36,8 @@ class Contacts:
     # (n_c, d, d) or None: local bases, with rows n, t1[, t2].
     frame: Floats | None = None
 
+    __repr__ = short_repr
+
     @classmethod
     def check(
         cls,
@@ -52,6 +57,12 @@ class Contacts:
         Raises `TypeError` or `ValueError`: an argument is wrong; the message names it.
         """
         gaps = floats("gap", gap)
+        if gaps.ndim == 0:
+            rows = operator.shape[0]
+            if dim is None and points is not None:
+                dim = floats("points", points, ndim=2).shape[1]
+            d = dim if dim in (2, 3) else _find_dim(rows)
+            gaps = np.full(rows // d, float(gaps))
         if gaps.ndim not in (1, 2):
             raise ValueError(f"gap has shape {gaps.shape}, expected (n_c,) or (n_c, d)")
         count = len(gaps)
@@ -96,3 +107,13 @@ class Contacts:
     def tractions(self, reaction: Floats) -> Floats | None:
         """Tractions of reactions ``(n_c, d)``; None without areas."""
         return None if self.area is None else reaction / self.area[:, None]
+
+
+def _find_dim(rows: int) -> int:
+    """``d`` of contacts with a number of rows of B, if only one fits."""
+    if (rows % 2 == 0) == (rows % 3 == 0):
+        raise ValueError(
+            f"gap is one number for all contacts, and B has {count_noun(rows, 'row')}: give "
+            "dim=2 or dim=3, or one gap for each contact"
+        )
+    return 2 if rows % 2 == 0 else 3

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib import validation
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.results.solution import Step
@@ -79,6 +80,8 @@ class MovingGaps:
     gap: Floats
     frame: Floats
     drag: Floats
+
+    __repr__ = short_repr
 
     def __init__(self, gap: ArrayLike, frame: ArrayLike, drag: ArrayLike) -> None:
         normal = validation.floats("gap of the moving gaps", gap)

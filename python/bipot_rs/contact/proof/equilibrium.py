@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 import bipot_rs._core as _core
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.contact_law import ContactLaw
@@ -65,6 +66,8 @@ class Equilibrium:
     motion: Floats | None = None
     excluded: float = 0.0
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LimitMultiplier:
@@ -94,6 +97,8 @@ class LimitMultiplier:
     reached: float | None
     reaction: Floats | None
     excluded: float = np.inf
+
+    __repr__ = short_repr
 
 
 def make_statics(R: Any, law: ContactLaw, contacts: int, d: int) -> _core.Statics:

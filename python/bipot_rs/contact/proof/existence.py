@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 import bipot_rs._core as _core
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact.proof.cone_set import make_cone_set
 from bipot_rs.contact.proof.equilibrium import statics_of_rows
@@ -55,6 +56,8 @@ class Existence:
     inside: Floats | None = None
     pressure: Floats | None = None
     overlap: Floats | None = None
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)

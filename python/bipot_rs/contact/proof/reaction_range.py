@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 import bipot_rs._core as _core
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.proof.cone_set import make_cone_set
@@ -74,6 +75,8 @@ class ReactionRange:
     direction_to_least: Floats | None = None
     direction_to_largest: Floats | None = None
     gap: float = 0.0
+
+    __repr__ = short_repr
 
     @property
     def determined(self) -> bool:

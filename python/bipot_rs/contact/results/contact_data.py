@@ -32,6 +32,10 @@ class ContactData(dict[str, ContactArray | None]):
         names = ", ".join(self)
         raise KeyError(f"{name!r}: the contacts have {names}")
 
+    def __repr__(self) -> str:
+        shapes = (f"{k}: {None if a is None else a.shape}" for k, a in self.items())
+        return f"ContactData({', '.join(shapes)})"
+
     def get(self, name: str, default: Any = None) -> Any:
         """As of any dictionary."""
         return super().get(name, super().get(_ARGUMENTS.get(name, name), default))

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, SupportsIndex, overload
 
@@ -197,6 +198,35 @@ class Result(Sequence[Step]):
         if self.contacts.get("area") is None:
             return None
         return self._stack("traction", (0, *self.shape))
+
+    @property
+    def pressure(self) -> Floats:
+        """Normal part of `traction`, ``(steps, n_c)``; a `ValueError` without areas."""
+        self._require("area")
+        return self._stack("pressure", (0, self.shape[0]))
+
+    @property
+    def shear_traction(self) -> Floats:
+        """Tangential part of `traction`, ``(steps, n_c, d - 1)``; needs areas as well."""
+        self._require("area")
+        contacts, d = self.shape
+        return self._stack("shear_traction", (0, contacts, max(d - 1, 0)))
+
+    @property
+    def points(self) -> Floats:
+        """Coordinates of the contacts, ``(n_c, d)``; a `ValueError` if not known."""
+        return self._require("points")
+
+    def _require(self, name: str) -> Floats:
+        """An array of the contacts, which must be known."""
+        array: Floats | None = self.contacts.get(name)
+        if array is None:
+            what = "areas" if name == "area" else "coordinates"
+            raise ValueError(
+                f"the {what} of the contacts are not known: give {name}= to ContactProblem "
+                f'or solve, or set result.contacts["{name}"]'
+            )
+        return array
 
     @property
     def relative_displacement(self) -> Floats:
@@ -518,12 +548,7 @@ class Result(Sequence[Step]):
             A file cannot be written.
         """
         index = series.check_index(path)
-        x = self.contacts.get("x")
-        if x is None:
-            raise ValueError(
-                "the coordinates of the contacts are not known, and ParaView needs them: "
-                "give points= to ContactProblem or solve"
-            )
+        x = self.points
         if self.mesh is not None:
             self._recover()
         fields = self._fields()
@@ -578,6 +603,41 @@ class Result(Sequence[Step]):
             kind,
             {"steps": steps, "frames_per_second": frames_per_second, "dpi": dpi}
             | options,
+        )
+
+    def to_xarray(self) -> Any:
+        """The arrays of the contacts as an ``xarray.Dataset``, which needs xarray.
+
+        Dimensions are ``step``, ``contact``, ``component`` (``"n"``, ``"t1"``, ``"t2"``) and
+        ``tangent``; ``load`` and ``time`` belong to each step, ``x``, ``y``, ``z``, ``area``
+        and ``mu`` to each contact, if known. Variables are ``reaction``, ``traction``,
+        ``relative_displacement``, ``slip``, ``status``, ``residual``, ``iterations`` and
+        ``converged``.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            xarray is not installed.
+        """
+        every: tuple[str, ...] = ("step", "contact", "component")
+        dims = dict.fromkeys(("reaction", "traction", "relative_displacement"), every)
+        dims |= {"slip": ("step", "contact", "tangent"), "status": every[:2]}
+        dims |= dict.fromkeys(("residual", "iterations", "converged"), every[:1])
+        arrays = {name: (axes, getattr(self, name)) for name, axes in dims.items()}
+        x, instants = self.contacts.get("x"), self.instants()
+        of_contacts = {name: self.contacts.get(name) for name in ("area", "mu")}
+        of_contacts |= {} if x is None else dict(zip("xyz", x.T, strict=False))
+        known = {
+            name: (every[1], a) for name, a in of_contacts.items() if np.ndim(a) == 1
+        }
+        known |= {
+            name: (every[0], [instant[name] for instant in instants])
+            for name in ("load", "time")
+        }
+        local = ["n", "t1", "t2"][: self.shape[1]]
+        return import_module("xarray").Dataset(
+            {name: pair for name, pair in arrays.items() if pair[1] is not None},
+            {**known, "component": local, "tangent": local[1:]},
         )
 
     def table(self, rows: str = "steps") -> Any:

@@ -459,6 +459,21 @@ class Step(Solution):
         return self.s
 
     @property
+    def pressure(self) -> Floats:
+        """Normal part of `traction`, ``(n_c,)``; a `ValueError` without areas."""
+        return self._known_traction()[:, 0]
+
+    @property
+    def shear_traction(self) -> Floats:
+        """Tangential part of `traction`, ``(n_c, d - 1)``; a `ValueError` without areas."""
+        return self._known_traction()[:, 1:]
+
+    def _known_traction(self) -> Floats:
+        if self.traction is None:
+            raise ValueError("the areas are not known: give area= to ContactProblem")
+        return self.traction
+
+    @property
     def dissipation(self) -> float:
         """Energy dissipated by friction in the step, ``-Σ r_t · slip``.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import by_contact, integer, number
+from bipot_rs._lib.validation import by_contact, integer, logical, number
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.load_path import find_start
 from bipot_rs.contact.wear.record import Wear, WearState
@@ -65,8 +65,7 @@ def check_wear(
             "positive number: depth = coefficient * pressure * slip"
         )
     count = integer("cycles", cycles, least=1)
-    if not isinstance(jump, bool):
-        raise TypeError(f"jump is {jump!r}, expected a bool")
+    logical("jump", jump)
     share = number("rtol", rtol)
     if not 0 < share < 1:
         raise ValueError(f"rtol is {share:g}, expected a number between 0 and 1")

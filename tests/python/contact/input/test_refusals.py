@@ -213,6 +213,7 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
     (reduced, "rigid", rigid(np.ones((3, 1)), np.ones(1)), VALUE, "3.*4"),
     (reduced, "rigid", rigid(np.ones((4, 2)), np.ones(1)), VALUE, "1.*2"),
     (reduced, "rigid", 5, TYPE, "pair|tuple|rigid"),
+    (reduced, "rigid", sparse.csr_array((4, 1)), TYPE, "the pair"),
     (reduced_solve, "start", np.zeros((3, 2)), VALUE, "3.*2"),
     (residual, "r", np.zeros((3, 2)), VALUE, "3"),
     (project, "tau", np.ones(3), VALUE, "shape|dimension"),
@@ -254,6 +255,7 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
       for call in (solve, reduced_solve)),
     *((problem, "frame", frame, VALUE, "^frame of contact 1 has the rows") for frame in FRAMES),
     # Indices.
+    (problem, "fixed", [[1], [2, 3]], VALUE, "not an array"),
     (problem, "fixed", [1, 6], VALUE, r"\b6\b"),
     (problem, "fixed", [-(2**62)], VALUE, str(-(2**62))),
     (problem, "fixed", [1, 2, 1], VALUE, r"\b1 repeated"),
