@@ -188,8 +188,7 @@ def write(
             f"mu has shape {problem.mu.shape}, expected ({len(problem.mu)},): FCLIB has one "
             "friction coefficient for each contact, not two"
         )
-    if isinstance(problem, ReducedProblem):
-        problem.law.require_coulomb("FCLIB")
+    problem.law.require_coulomb("FCLIB")
     unknown = sorted(set(info or {}) - set(_INFO))
     if unknown:
         raise ValueError(f"info has {unknown[0]!r}, expected {', '.join(_INFO)}")

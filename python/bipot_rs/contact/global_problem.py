@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike, Record
-from bipot_rs._lib.validation import RATIO, csr, floats, friction, vectors
+from bipot_rs._lib.validation import csr, floats, vectors
 from bipot_rs.contact import tuning
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results.solution import Solution
@@ -43,13 +44,21 @@ class GlobalProblem:
         Load, ``(n,)``.
     w
         ``u`` at ``v = 0``, ``(n_c, d)``, normal first.
-    mu
-        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, as in
-        `ContactProblem`.
+    mu, cohesion, dilatancy
+        Friction coefficient, c and β, numbers or ``(n_c,)``, as in `ReducedProblem`: the
+        law as it stands, nothing breaks.
     """
 
     def __init__(
-        self, M: MatrixLike, H: MatrixLike, f: ArrayLike, w: ArrayLike, mu: ArrayLike
+        self,
+        M: MatrixLike,
+        H: MatrixLike,
+        f: ArrayLike,
+        w: ArrayLike,
+        mu: ArrayLike,
+        *,
+        cohesion: ArrayLike | None = None,
+        dilatancy: ArrayLike | None = None,
     ) -> None:
         mass, contact = csr("M", M), csr("H", H)
         n = mass.shape[0]
@@ -66,7 +75,10 @@ class GlobalProblem:
         self.M: Any = M
         self.H: Any = H
         self.f = floats("f", f, shape=(n,))
-        self.mu = friction(mu, contacts, d, ratio=RATIO)
+        self.law = ContactLaw.check(
+            contacts, d, mu=mu, cohesion=cohesion, dilatancy=dilatancy
+        )
+        self.mu = self.law.mu
         self._mass, self._contact = mass.matrix, contact.matrix
 
     @cached_property
@@ -100,7 +112,7 @@ class GlobalProblem:
     @cached_property
     def _condensed(self) -> _Symmetric | _Lu:
         kind = _Symmetric if self.asymmetry <= SYMMETRIC else _Lu
-        return kind(self._mass, self._contact, self.f, self.w, self.mu)
+        return kind(self._mass, self._contact, self.f, self.w, self.law)
 
     @cached_property
     def _reduced(self) -> ReducedProblem:
@@ -190,12 +202,13 @@ class _Symmetric:
     """A symmetric matrix, condensed by `ContactProblem`."""
 
     def __init__(
-        self, mass: CsrMatrix, contact: CsrMatrix, f: Floats, w: Floats, mu: Floats
+        self, mass: CsrMatrix, contact: CsrMatrix, f: Floats, w: Floats, law: ContactLaw
     ) -> None:
-        self._f = f
+        self._f, self._law = f, law
         try:
+            # The law itself, in which nothing breaks, is that of the reduced problem.
             self._problem = ContactProblem(
-                mass, contact.T, gap=w, mu=mu, dim=w.shape[1] or None
+                mass, contact.T, gap=w, mu=law.mu, dim=w.shape[1] or None
             )
         except ValueError as error:
             # The message calls the matrix K.
@@ -204,7 +217,13 @@ class _Symmetric:
         self.stats = self._problem.stats
 
     def reduced(self) -> ReducedProblem:
-        return self._problem.reduced(self._f)
+        made, law = self._problem.reduced(self._f), self._law
+        if law.is_coulomb:
+            return made
+        c, beta = law.cohesion, law.dilatancy
+        return ReducedProblem(
+            made.W, made.q, law.mu, rigid=made.rigid, cohesion=c, dilatancy=beta
+        )
 
     def velocity(self, r: Floats, amounts: Floats) -> Floats:
         state = self._f, np.empty(0), r, amounts
@@ -216,11 +235,11 @@ class _Lu:
     """An asymmetric matrix, factored by SuperLU."""
 
     def __init__(
-        self, mass: CsrMatrix, contact: CsrMatrix, f: Floats, w: Floats, mu: Floats
+        self, mass: CsrMatrix, contact: CsrMatrix, f: Floats, w: Floats, law: ContactLaw
     ) -> None:
         from scipy.sparse.linalg import splu
 
-        self._contact, self._f, self._w, self._mu = contact, f, w, mu
+        self._contact, self._f, self._w, self._law = contact, f, w, law
         began = time.perf_counter()
         try:
             self._factor = splu(mass.tocsc())
@@ -252,7 +271,10 @@ class _Lu:
         whole = csr_array(hstack(pieces)) if pieces else csr_array((0, 0))
         W = whole if 4 * whole.nnz <= size**2 else whole.toarray()
         free = rows @ self._factor.solve(self._f)
-        return ReducedProblem(W, free.reshape(self._w.shape) + self._w, self._mu)
+        q, law = free.reshape(self._w.shape) + self._w, self._law
+        return ReducedProblem(
+            W, q, law.mu, cohesion=law.cohesion, dilatancy=law.dilatancy
+        )
 
     def velocity(self, r: Floats, _: Floats) -> Floats:
         right = self._contact @ r.ravel() + self._f

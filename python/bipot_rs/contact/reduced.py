@@ -573,7 +573,6 @@ class ReducedProblem:
         )
 
         validation.logical("exhaust", exhaust)
-        self.law.require_coulomb("existence")
         # In components scaled by these factors, friction is isotropic.
         by, mu = _core.isotropic(self.mu, self.q.shape[1])
         rigid = self.rigid
@@ -594,7 +593,7 @@ class ReducedProblem:
                 )
             rigid = by.ravel()[:, None] * self._dense_motions, rigid[1]
         W = by.ravel()[:, None] * make_dense(self.W) * by.ravel()
-        existence = judge_existence(self._problem, W, by * self.q, mu, rigid)
+        existence = judge_existence(self._problem, W, by * self.q, mu, rigid, self.law)
         existence = replace(
             existence,
             motion=None if existence.motion is None else existence.motion / by,

@@ -14,6 +14,7 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.proof.cone_set import make_cone_set
 from bipot_rs.contact.proof.equilibrium import statics_of_rows
 from bipot_rs.contact.proof.existence_by_friction import is_held
@@ -91,13 +92,16 @@ def judge_existence(
     q: Floats,
     mu: Floats,
     rigid: tuple[Floats, Floats] | None,
+    law: ContactLaw,
 ) -> Existence:
     """Give the verdict on ``v = W r + R a + q``, if some reaction balances the loads.
 
     ``core``: the problem, which decides whether a witness is a proof.
-    ``W, q, mu, rigid``: as in `ReducedProblem`, dense.
+    ``W, q, mu, rigid``: as in `ReducedProblem`, dense, with isotropic friction.
+    ``law``: the law, which has cohesion and dilatancy besides.
     """
-    p = _scale_problem(W, q, mu, rigid)
+    rubs = mu > 0 if law.cohesion is None else (mu > 0) | (law.cohesion > 0)
+    p = _scale_problem(W, q, mu, rigid, rubs)
     symmetric = np.abs(p.W - p.W.T).max(initial=0.0) <= 1e-8
     inside: Floats | None = None
     if not _is_definite(p.W):
@@ -129,8 +133,11 @@ def judge_existence(
                 reason="to balance the loads, normal reactions would have to be a billion "
                 "times as large",
             )
-        if rest is not None and is_held(
-            p.R[p.normal], p.R[~p.normal], p.e, mu, q.shape[1]
+        # That theorem is about Coulomb's law.
+        if (
+            rest is not None
+            and law.is_coulomb
+            and is_held(p.R[p.normal], p.R[~p.normal], p.e, mu, q.shape[1])
         ):
             reason = "friction holds the bodies, however the pressures are distributed"
         elif rest is not None:
@@ -156,11 +163,15 @@ def judge_existence(
 
 
 def _scale_problem(
-    W: Floats, q: Floats, mu: Floats, rigid: tuple[Floats, Floats] | None
+    W: Floats,
+    q: Floats,
+    mu: Floats,
+    rigid: tuple[Floats, Floats] | None,
+    rubs: Bools,
 ) -> _Scaled:
     contacts, d = q.shape
     matters = np.ones((contacts, d), bool)
-    matters[:, 1:] = (mu > 0)[:, None]
+    matters[:, 1:] = rubs[:, None]
     kept: Bools = matters.ravel()
     scale = find_scale(W, d)
     by_row = np.repeat(scale, d)
