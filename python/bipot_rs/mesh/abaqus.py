@@ -64,12 +64,89 @@ _FACES |= {
 _MAKING = {"SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
 
 
+# Keywords whose data are not of the mesh alone, but which say to which part it belongs.
+_OUTLINE = {"END PART", "ASSEMBLY", "END ASSEMBLY", "END INSTANCE"}
+# Files that include each other more deeply include themselves.
+_DEEPEST = 16
+
+
 @dataclass
-class _Section:
+class Section:
+    """A keyword with its parameters, and its data lines with their numbers."""
+
+    path: Path
     line: int
     word: str
     parameters: dict[str, str]
     rows: list[tuple[int, list[str]]]
+
+    def named(self, key: str) -> str:
+        """A parameter in capitals; "" without it."""
+        return self.parameters.get(key, "").upper()
+
+    def reals(self, line: int, row: Sequence[str]) -> list[float]:
+        """The numbers of a data line; a missing one between commas is zero."""
+        try:
+            return [real(p.upper().replace("D", "E")) if p else 0.0 for p in row]
+        except ValueError:
+            what = f"is {', '.join(row)!r}, expected numbers"
+            raise ValueError(f"{self.path}, line {line}: {what}") from None
+
+
+def list_files(path: Path) -> Iterator[Path]:
+    """A deck, and the files that it includes."""
+    yield from dict.fromkeys(file for file, _, _ in _lines(path, path.parent))
+
+
+def _lines(path: Path, folder: Path, depth: int = 0) -> Iterator[tuple[Path, int, str]]:
+    """Lines that are not comments, with file and number; those of ``*INCLUDE`` in place."""
+    content = without(path.read_bytes())
+    try:
+        text = content.decode()
+    except UnicodeDecodeError:
+        # Comments may have any encoding; the data are ASCII.
+        text = content.decode("latin-1")
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = raw.strip()
+        if not line or line.startswith("**"):
+            continue
+        if not line.upper().startswith("*INCLUDE"):
+            yield path, number, line
+            continue
+        name = _read_head(path, number, line).parameters.get("INPUT", "")
+        beside, below = path.parent / name, folder / name
+        file = beside if beside.is_file() else below
+        if depth == _DEEPEST or not file.is_file():
+            why = "which does not exist" if depth < _DEEPEST else "in a circle"
+            raise ValueError(f"{path}, line {number}: includes {name!r}, {why}")
+        yield from _lines(file, folder, depth + 1)
+
+
+def list_sections(path: Path) -> Iterator[Section]:
+    """The keywords of a deck in their order, with those of the files that it includes."""
+    current: Section | None = None
+    head = ""
+    for file, number, text in _lines(path, path.parent):
+        if text.startswith("*") or head:
+            head += text
+            if head.endswith(","):  # continued on the next line
+                continue
+            if current is not None:
+                yield current
+            current, head = _read_head(file, number, head), ""
+        elif current is not None:
+            current.rows.append((number, [part.strip() for part in text.split(",")]))
+    if current is not None:
+        yield current
+
+
+def _read_head(path: Path, line: int, text: str) -> Section:
+    word, *rest = (part.strip() for part in text[1:].split(","))
+    parameters = {}
+    for part in rest:
+        key, _, value = part.partition("=")
+        parameters[key.strip().upper()] = value.strip().strip('"')
+    return Section(path, line, " ".join(word.upper().split()), parameters, [])
 
 
 def read(path: Path) -> Content:
@@ -78,11 +155,15 @@ def read(path: Path) -> Content:
     Raises `ValueError`: a line is invalid or not supported; the message gives its number. The
     file has shells but no solids.
     """
-    return _Reader(path).content
+    return Reader(path).content
 
 
-class _Reader:
-    """Reads the sections of a file in their order."""
+class Reader:
+    """Reads the sections of a file in their order.
+
+    ``rest`` are those that do not concern the mesh, and ``types`` the type of cells of each
+    block of ``content``.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -90,6 +171,8 @@ class _Reader:
         self.places: list[list[float]] = []
         self.cell: dict[int, tuple[int, int]] = {}
         self.blocks: list[tuple[str, Ints]] = []
+        self.types: list[str] = []
+        self.rest: list[Section] = []
         self.shells = False
         self.nodes_of: dict[Key, list[int]] = {}
         self.cells_of: dict[Key, list[int]] = {}
@@ -106,8 +189,9 @@ class _Reader:
             "SURFACE": self._surface,
         }
         parts = 0
-        for section in self._sections():
-            if "INPUT" in section.parameters and section.word != "INCLUDE":
+        for section in list_sections(path):
+            self.path = section.path
+            if "INPUT" in section.parameters:
                 raise self._error(
                     section.line, "reads another file: copy its lines into this file"
                 )
@@ -118,10 +202,6 @@ class _Reader:
                     section.line,
                     f"has *{section.word}, which creates or moves nodes and cells and is not "
                     "supported: write a file that lists all of them",
-                )
-            elif section.word == "INCLUDE":
-                raise self._error(
-                    section.line, "includes another file: read the file with the mesh"
                 )
             elif section.word == "PART":
                 parts += 1
@@ -142,6 +222,9 @@ class _Reader:
                         "moves its part, expected an instance without translation",
                     )
                 self.part = section.parameters.get("NAME", self.part)
+            elif section.word not in _OUTLINE:
+                self.rest.append(section)
+        self.path = path
         points = np.zeros((len(self.places), 3))
         for row, place in zip(points, self.places, strict=True):
             row[: len(place)] = place
@@ -179,7 +262,7 @@ class _Reader:
     def _key(self, name: str) -> Key:
         return self.in_part, name.upper()
 
-    def _find_set(self, sets: dict[Key, S], name: str) -> S | None:
+    def find_set(self, sets: dict[Key, S], name: str) -> S | None:
         """Find a set by name: ``INSTANCE.NAME`` in the part, or NAME in the part or assembly."""
         word = name.strip('"').upper()
         outer, _, inner = word.partition(".")
@@ -193,42 +276,6 @@ class _Reader:
     def _error(self, line: int, what: str) -> ValueError:
         return ValueError(f"{self.path}, line {line}: {what}")
 
-    def _sections(self) -> Iterator[_Section]:
-        current: _Section | None = None
-        head = ""
-        content = without(self.path.read_bytes())
-        try:
-            text = content.decode()
-        except UnicodeDecodeError:
-            # Comments may have any encoding; the data are ASCII.
-            text = content.decode("latin-1")
-        lines = text.splitlines()
-        for number, raw in enumerate(lines, 1):
-            text = raw.strip()
-            if not text or text.startswith("**"):
-                continue
-            if text.startswith("*") or head:
-                head += text
-                if head.endswith(","):  # continued on the next line
-                    continue
-                if current is not None:
-                    yield current
-                current, head = self._head(number, head), ""
-            elif current is not None:
-                current.rows.append(
-                    (number, [part.strip() for part in text.split(",")])
-                )
-        if current is not None:
-            yield current
-
-    def _head(self, line: int, text: str) -> _Section:
-        word, *rest = (part.strip() for part in text[1:].split(","))
-        parameters = {}
-        for part in rest:
-            key, _, value = part.partition("=")
-            parameters[key.strip().upper()] = value.strip().strip('"')
-        return _Section(line, word.upper(), parameters, [])
-
     def _numbers(self, line: int, row: list[str]) -> list[int]:
         try:
             return [whole(part) for part in row if part]
@@ -237,21 +284,15 @@ class _Reader:
                 line, f"is {', '.join(row)!r}, expected whole numbers"
             ) from None
 
-    def _nodes(self, section: _Section) -> None:
+    def _nodes(self, section: Section) -> None:
         if section.parameters.get("SYSTEM", "R").upper() != "R":
             raise self._error(section.line, "has nodes that are not Cartesian")
         numbers = []
         for line, (first, *rest) in section.rows:
             (number,) = self._numbers(line, [first]) or [0]
-            try:
-                while rest and not rest[-1]:
-                    rest.pop()
-                # A missing number between commas is zero.
-                place = [real(p.upper().replace("D", "E")) if p else 0.0 for p in rest]
-            except ValueError:
-                raise self._error(
-                    line, f"is {', '.join(rest)!r}, expected coordinates"
-                ) from None
+            while rest and not rest[-1]:
+                rest.pop()
+            place = section.reals(line, rest)
             if not 2 <= len(place) <= 3:
                 raise self._error(
                     line, f"has {len(place)} coordinates, expected 2 or 3"
@@ -264,7 +305,7 @@ class _Reader:
         if "NSET" in section.parameters:
             self._add(self.nodes_of, section.parameters["NSET"], numbers)
 
-    def _cells(self, section: _Section) -> None:
+    def _cells(self, section: Section) -> None:
         name = section.parameters.get("TYPE", "").upper()
         kind = self._kind(section.line, name)
         flat: list[int] = []
@@ -293,6 +334,7 @@ class _Reader:
                 raise self._error(section.line, f"defines cell {number} a second time")
             self.cell[number] = (len(self.blocks), k)
         self.blocks.append((kind, numbers))
+        self.types.append(name)
         self.shells |= bool(_SHELL.fullmatch(name))
         if "ELSET" in section.parameters:
             self._add(self.cells_of, section.parameters["ELSET"], table[:, 0].tolist())
@@ -318,7 +360,7 @@ class _Reader:
         self.name.setdefault(self._key(name), name)
         sets.setdefault(self._key(name), []).extend(numbers)
 
-    def _set(self, section: _Section) -> None:
+    def _set(self, section: Section) -> None:
         nodes = section.word == "NSET"
         name = section.parameters.get(section.word, "")
         if not name:
@@ -334,7 +376,7 @@ class _Reader:
                 members += self._generate_numbers(line, row)
                 continue
             for part in filter(None, row):
-                named = self._find_set(sets, part)
+                named = self.find_set(sets, part)
                 if _NUMBER.fullmatch(part):
                     members.append(whole(part))
                 elif named is not None:
@@ -343,7 +385,7 @@ class _Reader:
                     raise self._error(line, f"uses a set {part!r} that is not defined")
         if nodes and "ELSET" in section.parameters:
             places: set[int] = set()
-            cells = self._find_set(self.cells_of, section.parameters["ELSET"])
+            cells = self.find_set(self.cells_of, section.parameters["ELSET"])
             if cells is None:
                 raise self._error(
                     section.line,
@@ -360,7 +402,7 @@ class _Reader:
             )
         self._add(sets, name, [n for n in members if n in existing])
 
-    def _surface(self, section: _Section) -> None:
+    def _surface(self, section: Section) -> None:
         name = section.parameters.get("NAME", "")
         if not name:
             raise self._error(section.line, "has a surface without NAME=")
@@ -410,7 +452,7 @@ class _Reader:
         known: Mapping[int, object],
     ) -> list[int]:
         """Numbers of a set, or the one number that stands in place of a name."""
-        members = self._find_set(sets, word)
+        members = self.find_set(sets, word)
         if members is None and _NUMBER.fullmatch(word) and whole(word) in known:
             members = [whole(word)]
         if members is None:

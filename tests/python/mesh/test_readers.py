@@ -317,11 +317,11 @@ def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
         ("7, 1, 2, 3, 4", "7, 1, 2, 3", "line 13: ends before a cell of type CPE4"),
         ("7, 1, 2, 3, 4", "7, 1, 2, 3, 44", "line 12: has cells with node 44"),
         ("8, 4, 3,", "7, 4, 3,", "defines cell 7 a second time"),
-        ("3, 1., 1.", "3, 1., one", "line 7: is '1., one', expected coordinates"),
+        ("3, 1., 1.", "3, 1., one", "line 7: is '1., one', expected numbers"),
         ("3, 1., 1.", "2, 1., 1.", "line 7: defines node 2 a second time"),
         ("LOW, high", "LOW, hi", "line 23: uses a set 'hi' that is not defined"),
         ("7, S2", "7, S5", "line 27: has face S5 of a quad, expected S1 to S4"),
-        ("*STEP", "*INCLUDE, INPUT=x", "line 33: includes another file"),
+        ("*STEP", "*INCLUDE, INPUT=x", "line 33: includes 'x', which does not exist"),
         (
             "*STEP",
             "*NGEN\n1, 3, 1",
@@ -344,7 +344,7 @@ def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
         ("1, 2, 1\n", "1, 2, 0\n", "line 19: generates 1, 2, 0, expected first, last"),
         ("1, 2, 1\n", "2, 1\n", "line 19: generates 2, 1, expected first, last"),
         ("1, 2, 1\n", "2\n", "line 19: generates 2, expected first, last, step"),
-        ("3, 1., 1.", "3, 1_0., 1.", "line 7: is '1_0., 1.', expected coordinates"),
+        ("3, 1., 1.", "3, 1_0., 1.", "line 7: is '1_0., 1.', expected numbers"),
         ("7, 1, 2, 3, 4", "7, 1, 2, 3, 0_4", "line 13: .*expected whole numbers"),
     ],
 )

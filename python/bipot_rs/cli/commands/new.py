@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
-from bipot_rs._lib.messages import meant
+from bipot_rs._lib.messages import meant, printable
 from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
@@ -45,11 +46,22 @@ def add_arguments(parser: shared.Parser) -> None:
         return templates()
 
     shared.complete_by(template, complete_templates)
+    parser.add_argument(
+        "--from",
+        dest="deck",
+        type=Path,
+        metavar="DECK",
+        help="Write the scene of a deck of Abaqus or CalculiX (.inp) instead. What it does "
+        "not take is listed in comments.",
+    )
 
 
 def run(found: argparse.Namespace, _: Interrupts) -> int:
     """Write the files and print the next commands."""
-    path, *others = write(found.name, found.template)
+    if found.deck is None:
+        path, *others = write(found.name, found.template)
+    else:
+        path, *others = write_deck(found.name, found.deck)
     written = " and ".join(map(str, [path, *others]))
     tell(f"{written}: bipot check {path}, bipot run {path}", sys.stdout)
     return SOLVED
@@ -89,6 +101,33 @@ def write(name: str, template: str) -> list[Path]:
         path.unlink()
         raise
     return [path, mesh]
+
+
+def write_deck(name: str, deck: Path) -> list[Path]:
+    """Write the scene of a deck; returns its files, as `write`.
+
+    The mesh of the scene is the deck, or a file beside the scene that includes it and adds sets.
+    Raises `OSError` as `write`, and `ValueError`: the deck cannot be read.
+    """
+    from bipot_rs.scene.deck import Deck
+
+    path = Path(name if name.endswith(".toml") else f"{name}.toml")
+    made, mesh, files = Deck(deck), deck, [path]
+    try:
+        if made.sets:
+            mesh = path.with_suffix(".sets.inp")
+            source = os.path.relpath(deck, mesh.parent)
+            _new(mesh, "\n".join([f"*INCLUDE, INPUT={source}", *made.sets, ""]))
+            files.append(mesh)
+        model = made.model(mesh, Path(os.path.relpath(mesh, path.parent)).as_posix())
+        notes = "".join(f"# {printable(note)}\n" for note in made.notes)
+        head = f"# From {printable(deck.name)}.{' Not as there:' if notes else ''}\n{notes}\n"
+        _new(path, _HINT + head + model.to_toml())
+    except (OSError, ValueError):
+        for file in files[1:]:
+            file.unlink(missing_ok=True)
+        raise
+    return files
 
 
 def _new(path: Path, text: str) -> None:

@@ -18,6 +18,7 @@ from bipot_rs._lib.messages import count_noun
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.saved_result import load_result
 from bipot_rs.files import export
+from bipot_rs.mesh.abaqus import list_files
 from bipot_rs.scene.schema.root import Scene
 
 if TYPE_CHECKING:
@@ -43,7 +44,9 @@ def stamps(
     for file in scene.files():
         # A missing file is reported when it is read.
         if file.is_file():
-            digest.update(hashlib.sha256(file.read_bytes()).digest())
+            parts = list_files(file) if file.suffix.lower() == ".inp" else [file]
+            for part in parts:
+                digest.update(hashlib.sha256(part.read_bytes()).digest())
     return {
         "package": _core.version,
         "scene_digest": digest.hexdigest(),

@@ -1,0 +1,458 @@
+"""A scene from a deck of Abaqus or CalculiX: materials, supports, loads, contacts and steps.
+
+Parts of the mesh that share no node are separate bodies. A load step of the scene is the end of
+a ``*STEP``, or a point of an amplitude within it. What a scene cannot say is listed by line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.types import Floats
+from bipot_rs.mesh.abaqus import Reader, Section
+from bipot_rs.mesh.elements import facet_nodes
+from bipot_rs.mesh.readers import read_mesh
+from bipot_rs.scene.builder import Model
+from bipot_rs.scene.schema.table import AXES
+
+# Keywords that change no number of the solution.
+_SILENT = re.compile(
+    "HEADING|PREPRINT|RESTART|OUTPUT|.* OUTPUT|.* FILE|.* PRINT|MONITOR|END STEP|CONTROLS"
+    "|TIME POINTS|FILE FORMAT"
+)
+_LOADS = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD")
+# Parameters that are taken, or change nothing; others are listed.
+_KNOWN = {
+    **dict.fromkeys(_LOADS, ("OP", "AMPLITUDE")),
+    "STEP": ("INC", "NAME"),
+    "STATIC": ("DIRECT", "SOLVER"),
+    "AMPLITUDE": ("NAME", "TIME"),
+    "CONTACT PAIR": ("INTERACTION", "TYPE", "SMALL SLIDING"),
+    "SOLID SECTION": ("ELSET", "MATERIAL"),
+}
+_NAMED = {
+    **dict.fromkeys(("ENCASTRE", "PINNED"), (1, 3)),
+    **{f"{axis.upper()}SYMM": (k + 1, k + 1) for k, axis in enumerate(AXES)},
+}
+# Supports of nodes one by one, at most.
+_MOST_NODES = 200
+# Value and amplitude of a load, in the steps that change it.
+_Changes = dict[int, tuple[float, str]]
+
+
+@dataclass
+class _LoadStep:
+    start: float = 0.0
+    period: float = 1.0
+    sections: list[Section] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+
+
+@dataclass
+class _Piece:
+    """A body: the material of each of its element sets, its cells, and places on its mesh."""
+
+    plane: dict[str, object] = field(default_factory=dict)
+    materials: dict[str, str] = field(default_factory=dict)
+    cells: set[int] = field(default_factory=set)
+    points: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    # Name and nodes of each surface, by its name in capitals.
+    surfaces: dict[str, tuple[str, set[int]]] = field(default_factory=dict)
+
+
+class Deck:
+    """A deck that becomes a scene.
+
+    Attributes
+    ----------
+    sets
+        Sets that the mesh of the scene needs besides those of the deck, as lines of a deck.
+    notes
+        What the scene does not take: ``"line 7: *TIE is not taken"``.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.sets: list[str] = []
+        self.notes: list[str] = []
+        self._mesh = Reader(path)
+        # The data before the first step belong to it.
+        self._steps = [_LoadStep()]
+        self._elastic: dict[str, list[float]] = {}
+        self._density: dict[str, float] = {}
+        self._mu: dict[str, float] = {}
+        self._amplitudes: dict[str, tuple[Floats, bool]] = {}
+        self._pairs: list[Section] = []
+        self._pieces: dict[str, _Piece] = {}
+        self._factors: dict[tuple[float, ...], str] = {}
+        self._read()
+        for step in self._steps:
+            times = {step.period}
+            for table, offset in (self._table(s, step) for s in step.sections):
+                within = table[:, 0] - offset
+                times |= {t for t in within.tolist() if 0 < t < step.period}
+            step.times = sorted(times)
+            self._name_faces(step)
+
+    def _note(self, section: Section, why: str, line: int = 0) -> None:
+        file = "" if section.path == self.path else f"{section.path.name}, "
+        note = f"{file}line {line or section.line}: *{section.word} {why}"
+        self.notes += [] if note in self.notes else [note]
+
+    def _read(self) -> None:
+        """Take the keywords that need no surfaces, and keep the others."""
+        material = interaction = ""
+        begun, solved, sectioned = False, True, []
+        for section in self._mesh.rest:
+            word, rows = section.word, section.rows
+            known = _KNOWN.get(word, section.parameters)
+            other = [key for key in section.parameters if key not in known]
+            if other:
+                self._note(section, f"has {', '.join(other)}, which is not taken")
+            if word == "STEP":
+                if begun:
+                    last = self._steps[-1]
+                    self._steps.append(_LoadStep(last.start + last.period))
+                begun = solved = True
+            elif not solved or (other and word in _LOADS):
+                continue
+            elif word == "STATIC":
+                for line, row in rows[:1]:
+                    self._steps[-1].period = (section.reals(line, row[1:2]) or [0])[
+                        0
+                    ] or 1
+            elif word == "MATERIAL":
+                material = section.named("NAME")
+            elif word == "SURFACE INTERACTION":
+                interaction = section.named("NAME")
+            elif word == "ELASTIC" and section.named("TYPE") in (
+                "",
+                "ISO",
+                "ISOTROPIC",
+            ):
+                self._elastic[material] = section.reals(rows[0][0], rows[0][1][:2])
+                if len(rows) > 1:
+                    self._note(section, "varies: its first line is taken")
+            elif word == "DENSITY":
+                self._density[material] = section.reals(*rows[0])[0]
+            elif word == "FRICTION":
+                self._mu[interaction] = section.reals(*rows[0])[0]
+            elif word == "SURFACE BEHAVIOR":
+                if section.named("PRESSURE-OVERCLOSURE") not in ("", "HARD"):
+                    self._note(section, "is taken as hard contact")
+            elif word == "SOLID SECTION":
+                sectioned.append(section)
+            elif word == "CONTACT PAIR":
+                self._pairs.append(section)
+            elif word == "AMPLITUDE":
+                flat = [v for line, row in rows for v in section.reals(line, row)]
+                table = np.array(flat[: len(flat) // 2 * 2]).reshape(-1, 2)
+                total = section.named("TIME").startswith("TOTAL")
+                self._amplitudes[section.named("NAME")] = table, total
+            elif word in _LOADS:
+                self._steps[-1].sections.append(section)
+            elif word in ("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "VISCO"):
+                self._note(section, "is not static: its step is not taken")
+                solved, begun = False, len(self._steps) > 1
+                if begun:
+                    self._steps.pop()
+            elif not _SILENT.fullmatch(word):
+                self._note(section, "is not taken")
+        self._split(sectioned)
+
+    def _table(self, section: Section, step: _LoadStep) -> tuple[Floats, float]:
+        """The amplitude of a load, and the time of the step from which it counts."""
+        name = section.named("AMPLITUDE")
+        table, total = self._amplitudes.get(name, (np.zeros((0, 2)), False))
+        return table, total * step.start
+
+    def _split(self, sectioned: Sequence[Section]) -> None:
+        """Bodies: parts of the mesh that share no node, with their materials."""
+        from scipy import sparse
+        from scipy.sparse.csgraph import connected_components
+
+        mesh = self._mesh
+        pairs = [(np.repeat(n[:, 0], n.shape[1]), n.ravel()) for _, n in mesh.blocks]
+        ends = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), np.int64)
+        shape = (len(mesh.places), len(mesh.places))
+        graph = sparse.coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=shape)
+        part = connected_components(graph, directed=False)[1]
+        pieces: dict[int, _Piece] = {}
+        for section in sectioned:
+            name = section.parameters.get("ELSET", "")
+            cells: dict[int, list[int]] = {}
+            for number in dict.fromkeys(mesh.find_set(mesh.cells_of, name) or ()):
+                block, k = mesh.cell[number]
+                cells.setdefault(part[mesh.blocks[block][1][k, 0]], []).append(number)
+            for k, (owner, members) in enumerate(cells.items(), 1):
+                own = name if len(cells) == 1 else f"{name}_{k}"
+                if own != name:
+                    rows = "\n".join(map(str, members))
+                    self.sets.append(f"*ELSET, ELSET={own}\n{rows}")
+                piece = pieces.setdefault(owner, _Piece())
+                piece.materials[own] = section.named("MATERIAL")
+                piece.cells.update(members)
+                kind = mesh.types[mesh.cell[members[0]][0]]
+                if kind.startswith("CPS"):
+                    piece.plane["plane"] = "stress"
+                for line, row in section.rows[:1] if kind.startswith("CP") else ():
+                    piece.plane["thickness"] = section.reals(line, row)[0] or 1.0
+        if not pieces:
+            raise ValueError(f"{self.path} has no *SOLID SECTION with cells")
+        self._pieces = {_word(next(iter(p.materials))): p for p in pieces.values()}
+
+    def _name_faces(self, step: _LoadStep) -> None:
+        """Define surfaces of the faces that ``*DLOAD`` names by cells and a label."""
+        for section in step.sections:
+            for _, row in section.rows if section.word == "DLOAD" else ():
+                if re.fullmatch("P[1-6]", row[1].upper()):
+                    name = _word("_".join(row[:2]))
+                    text = f"*SURFACE, NAME={name}\n{row[0]}, S{row[1][1]}"
+                    self.sets += [] if text in self.sets else [text]
+
+    def model(self, mesh: Path, file: str) -> Model:
+        """The scene, whose bodies are parts of ``mesh``, which it calls ``file``."""
+        m = Model(self.path.stem)
+        for name in dict.fromkeys(
+            name for piece in self._pieces.values() for name in piece.materials.values()
+        ):
+            if name not in self._elastic:
+                raise ValueError(
+                    f"{self.path}: material {name!r} has no isotropic *ELASTIC"
+                )
+            young, poisson = self._elastic[name]
+            m.material(_word(name), young=young, poisson=poisson)
+        for name, piece in self._pieces.items():
+            group = list(piece.materials)
+            found = read_mesh(mesh, group)
+            piece.points = found.p.T
+            for surface, facets in (found.boundaries or {}).items():
+                nodes = np.unique(facet_nodes(found, np.asarray(facets))).tolist()
+                piece.surfaces[surface.upper()] = surface, set(nodes)
+            materials = {part: _word(word) for part, word in piece.materials.items()}
+            only = len(group) == 1
+            table: dict[str, object] = {
+                "file": file,
+                "group": group[0] if only else group,
+            }
+            material = materials[group[0]] if only else materials
+            m.body(name, mesh=table, material=material, **piece.plane)
+        self._support(m)
+        self._load(m)
+        self._touch(m)
+        count = sum(len(step.times) for step in self._steps)
+        if count > 1:
+            factors: dict[str, Any] = {n: list(f) for f, n in self._factors.items()}
+            m.path(steps=count, **factors)
+        return m
+
+    def _rows(self, *words: str) -> Iterator[tuple[int, Section, int, list[str]]]:
+        for k, step in enumerate(self._steps):
+            for section in step.sections:
+                for line, row in section.rows if section.word in words else ():
+                    yield k, section, line, row
+
+    def _places(
+        self, section: Section, line: int, word: str, *, each: bool = False
+    ) -> Iterator[tuple[dict[str, Any], int]]:
+        """Keys that choose the nodes of a set, and their number; off surfaces ``each`` node."""
+        mesh = self._mesh
+        numbers = mesh.find_set(mesh.nodes_of, word) or [
+            int(word) if word.isdigit() else -1
+        ]
+        if not all(number in mesh.node for number in numbers):
+            raise ValueError(
+                f"{section.path}, line {line}: there are no nodes {word!r}"
+            )
+        wanted = {(*mesh.places[mesh.node[n]], 0.0)[:3] for n in numbers}
+        for body, piece in self._pieces.items():
+            d = piece.points.shape[1]
+            places = {place[:d] for place in wanted}
+            here = {
+                k for k, x in enumerate(piece.points.tolist()) if tuple(x) in places
+            }
+            if not here:
+                continue
+            name, nodes = piece.surfaces.get(word.strip('"').upper(), ("", set()))
+            x = piece.points[sorted(here)]
+            low, high = x.min(axis=0), x.max(axis=0)
+            inside = ((piece.points >= low) & (piece.points <= high)).all(axis=1)
+            if nodes == here:
+                yield {"on": f"{body}.{name}"}, len(here)
+            elif inside.sum() == len(here) > 1 and not each:
+                ranges = np.stack([low, high], axis=1).tolist()
+                within = dict(zip(AXES, ranges, strict=False))
+                yield {"on": body, "within": within}, len(here)
+            elif len(here) <= _MOST_NODES:
+                yield from (({"on": body, "at": at}, 1) for at in x.tolist())
+            else:
+                self._note(section, f"on {word}, no surface, is not taken", line)
+
+    def _number(self, kind: str, changes: _Changes) -> Any:
+        """A number of the scene, with its factors at the ends of the load steps."""
+        values, value = [], 0.0
+        for k, step in enumerate(self._steps):
+            before = value
+            renewed = {s.word for s in step.sections if s.named("OP") == "NEW"}
+            kept = 0.0 if kind in renewed and kind != "BOUNDARY" else before
+            end, amplitude = changes.get(k, (kept, ""))
+            table, total = self._amplitudes.get(amplitude, (np.zeros((0, 2)), False))
+            for t in step.times:
+                value = before + (end - before) * t / step.period
+                if len(table):
+                    value = end * float(np.interp(t + total * step.start, *table.T))
+                values.append(value)
+        largest = max(values, key=abs)
+        factors = tuple(v / largest if largest else 1.0 for v in values)
+        if set(factors) == {1.0}:
+            return largest
+        name = self._factors.setdefault(factors, f"history_{len(self._factors) + 1}")
+        return {"value": largest, "amplitude": name}
+
+    def _support(self, m: Model) -> None:
+        found: dict[str, tuple[dict[str, Any], dict[int, _Changes]]] = {}
+        for k, section, line, row in self._rows("BOUNDARY"):
+            text = [part or row[1] for part in (*row, "", "")[1:3]]
+            dofs = _NAMED.get(row[1].upper()) or [
+                int(v) for v in section.reals(line, text)
+            ]
+            (value,) = section.reals(line, row[3:4]) or [0.0]
+            if dofs[1] > 3:
+                self._note(section, "of rotations is not taken", line)
+            if k and section.named("OP") == "NEW":
+                self._note(section, "has OP=NEW: supports stay until the end", line)
+            for keys, _ in self._places(section, line, row[0]):
+                for dof in range(dofs[0] - 1, min(dofs[1], 3)):
+                    held = found.setdefault(str(keys), (keys, {}))[1]
+                    if k and dof not in held:
+                        self._note(
+                            section, "begins after step 1 and is not taken", line
+                        )
+                    else:
+                        change = value, section.named("AMPLITUDE")
+                        held.setdefault(dof, {})[k] = change
+        for keys, held in found.values():
+            d = self._pieces[keys["on"].partition(".")[0]].points.shape[1]
+            parts = {
+                AXES[k]: self._number("BOUNDARY", c) for k, c in held.items() if k < d
+            }
+            if parts:
+                m.support(**keys, **parts)
+
+    def _load(self, m: Model) -> None:
+        """Pressures, tractions, gravity, and forces on nodes that make up a surface."""
+        found: dict[tuple[str, ...], _Changes] = {}
+        first: dict[tuple[str, ...], tuple[Section, int]] = {}
+        for k, section, line, row in self._rows("DLOAD", "DSLOAD", "CLOAD"):
+            # The direction is part of what is loaded.
+            key = section.word, row[0], row[1].upper(), *row[3:]
+            (value,) = section.reals(line, row[2:3]) or [0.0]
+            found.setdefault(key, {})[k] = value, section.named("AMPLITUDE")
+            first.setdefault(key, (section, line))
+        forces: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
+        for key, changes in found.items():
+            (word, place, label, *rest), (section, line) = key, first[key]
+            taken = False
+            if word == "CLOAD" and label in ("1", "2", "3"):
+                for keys, count in self._places(section, line, place, each=True):
+                    force = forces.setdefault(str(keys), (keys, {}))[1]
+                    number = self._number(word, changes)
+                    force[AXES[int(label) - 1]] = _scale(number, count)
+                    if "at" not in keys:
+                        why = f"on {place} is spread over its surface"
+                        self._note(section, why, line)
+                    taken = True
+            direction = np.array(section.reals(line, rest))
+            name = place if word == "DSLOAD" else _word(f"{place}_{label}")
+            for body, piece in self._pieces.items():
+                surface, _ = piece.surfaces.get(name.upper(), ("", set()))
+                on = f"{body}.{surface}"
+                if surface and re.fullmatch("P[1-6]?", label):
+                    m.pressure(on, self._number(word, changes))
+                elif surface and label == "TRVEC":
+                    unit = direction / np.linalg.norm(direction)
+                    m.traction(on, **self._vector(word, changes, unit))
+                elif label == "GRAV" and (density := self._mass(piece, place)):
+                    weight = density * direction
+                    m.body_force(body, **self._vector(word, changes, weight))
+                else:
+                    continue
+                taken = True
+            if not taken:
+                self._note(section, f"{label} on {place} is not taken", line)
+        for k, (keys, force) in enumerate(forces.values(), 1):
+            if "at" not in keys:
+                m.remote(_word(keys["on"]), **keys, distributed=True, force=force)
+                continue
+            # A rigid set of one node that does not turn is this node.
+            within = {a: [x, x] for a, x in zip(AXES, keys["at"], strict=False)}
+            turn = dict.fromkeys(AXES if len(within) == 3 else AXES[2:], 0.0)
+            table: dict[str, Any] = {"within": within, "turn": turn, "force": force}
+            m.remote(f"node_{k}", on=keys["on"], **table)
+
+    def _vector(self, kind: str, changes: _Changes, parts: Floats) -> dict[str, Any]:
+        number = self._number(kind, changes)
+        each = zip(AXES, parts.tolist(), strict=False)
+        return {axis: _scale(number, part) for axis, part in each if part}
+
+    def _mass(self, piece: _Piece, place: str) -> float | None:
+        """Density of a body that is part of a set; None without one."""
+        cells = self._mesh.find_set(self._mesh.cells_of, place) or ()
+        densities = {self._density.get(name) for name in piece.materials.values()}
+        return (
+            densities.pop()
+            if len(densities) == 1 and piece.cells <= set(cells)
+            else None
+        )
+
+    def _touch(self, m: Model) -> None:
+        names: list[str] = []
+        for section in self._pairs:
+            mu = self._mu.get(section.named("INTERACTION"), 0.0)
+            for line, row in section.rows:
+                sides = [
+                    [
+                        f"{b}.{p.surfaces[w][0]}"
+                        for b, p in self._pieces.items()
+                        if w in p.surfaces
+                    ]
+                    for w in (row[0].upper(), row[1].upper())
+                ]
+                pairs = [(on, to) for on in sides[0] for to in sides[1]]
+                apart = [
+                    p for p in pairs if len({on.partition(".")[0] for on in p}) == 2
+                ]
+                for on, against in apart:
+                    names.append(_word(row[0]))
+                    name = (
+                        f"{names[-1]}_{len(names)}"
+                        if names[-1] in names[:-1]
+                        else names[-1]
+                    )
+                    m.contact(on, name=name, against=against, pairing="mortar", mu=mu)
+                if not apart:
+                    self._note(
+                        section, "has no faces of two bodies and is not taken", line
+                    )
+        if not names:
+            self.notes.append(
+                "it has no contact: add [[contact]], as with a rigid plane"
+            )
+
+
+def _scale(number: Any, factor: float) -> Any:
+    if isinstance(number, dict):
+        return number | {"value": number["value"] * factor}
+    return number * factor
+
+
+def _word(name: str) -> str:
+    """A name of a deck as one of a scene: letters, digits and ``_``, with a letter first."""
+    word = re.sub(r"\W", "_", name)
+    return word if re.match(r"[^\W\d]", word) else f"n{word}"
