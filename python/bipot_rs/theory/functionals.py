@@ -10,9 +10,8 @@ state ``(t0, u0, h0)``. By default this is the unloaded state; increments are th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,30 +28,6 @@ from bipot_rs.theory.structure_state import StructureState
 SoilFields: TypeAlias = Sequence[tuple[Floats, Floats, Floats]]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StepStart:
-    """State at the start of a step: ``t0``, ``u0`` and the loads in equilibrium with them.
-
-    Attributes
-    ----------
-    reaction
-        ``t0``, contact forces ``(n_c, d)``, of any sign.
-    displacement
-        ``u0``, ``(n,)``.
-    load
-        Loads of this state, ``(n,)``. By default the loads that balance it,
-        ``K u0 - Bᵀ t0``; at prescribed degrees of freedom, the loads of the step.
-    offset
-        Relative displacement to which increments are added, ``(n_c, d)``. By default, as in
-        [dSF91], its normal part is the gap ``u_n0 + h0`` and its tangential part zero.
-    """
-
-    reaction: ArrayLike
-    displacement: ArrayLike
-    load: ArrayLike | None = None
-    offset: ArrayLike | None = None
-
-
 class Functionals:
     """The functionals of one load step of a structure.
 
@@ -67,8 +42,15 @@ class Functionals:
     load, prescribed
         Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; default zero. The
         weight of soils is part of the load.
-    start
-        State at the start of the step; default the unloaded bodies.
+    reaction, displacement
+        ``t0 (n_c, d)`` of any sign and ``u0 (n,)`` at the start of the step; default the
+        unloaded bodies.
+    carried
+        Loads of this state, ``(n,)``. By default those that balance it, ``K u0 - Bᵀ t0``; at
+        prescribed degrees of freedom, the loads of the step.
+    offset
+        Relative displacement to which increments are added, ``(n_c, d)``. By default, as in
+        [dSF91], its normal part is the gap ``u_n0 + h0`` and its tangential part zero.
     broken
         Contacts without cohesion in the step, ``(n_c,)``; default none.
     slack
@@ -97,7 +79,10 @@ class Functionals:
         load: ArrayLike | None = None,
         prescribed: ArrayLike | None = None,
         *,
-        start: StepStart | None = None,
+        reaction: ArrayLike | None = None,
+        displacement: ArrayLike | None = None,
+        carried: ArrayLike | None = None,
+        offset: ArrayLike | None = None,
         broken: Bools | None = None,
         slack: float = 1e-9,
     ) -> None:
@@ -114,30 +99,29 @@ class Functionals:
         moved = np.zeros(len(fixed))
         if prescribed is not None:
             moved = floats("prescribed", prescribed, shape=moved.shape)
-        gap = structure.gap
+        t0, u0, gap = np.zeros(shape), np.zeros(n), structure.gap
+        if reaction is not None:
+            t0 = floats("reaction", reaction, shape=shape)
+        if displacement is not None:
+            u0 = floats("displacement", displacement, shape=(n,))
         # Relative displacements are differences of displacements, those of the start
         # included: these set the size of rounding.
         self._reach = np.abs(gap).max(initial=0.0)
-        if start is None:
-            self._before = np.zeros(shape)
-            self.load, self.prescribed, self.offset = force, moved, gap.copy()
+        self._reach += (abs(self._contact) @ np.abs(u0)).max(initial=0.0)
+        if carried is None:
+            borne = self._stiffness @ u0 - self._contact.T @ t0.ravel()
+            borne[fixed] = 0.0 if displacement is None else force[fixed]
         else:
-            t0 = floats("reaction of start", start.reaction, shape=shape)
-            u0 = floats("displacement of start", start.displacement, shape=(n,))
-            self._before = t0
-            self._reach += (abs(self._contact) @ np.abs(u0)).max(initial=0.0)
-            if start.load is None:
-                carried = self._stiffness @ u0 - self._contact.T @ t0.ravel()
-                carried[fixed] = force[fixed]
-            else:
-                carried = floats("load of start", start.load, shape=(n,))
-            self.load = force - carried
-            self.prescribed = moved - u0[fixed]
-            if start.offset is None:
-                self.offset = np.zeros(shape)
-                self.offset[:, 0] = self._relative(u0)[:, 0] + gap[:, 0]
-            else:
-                self.offset = floats("offset of start", start.offset, shape=shape)
+            borne = floats("carried", carried, shape=(n,))
+        self._before, self.load = t0, force - borne
+        self.prescribed = moved - u0[fixed]
+        if offset is not None:
+            self.offset = floats("offset", offset, shape=shape)
+        else:
+            self.offset = gap.copy()
+            if displacement is not None:
+                self.offset[:, 0] += self._relative(u0)[:, 0]
+                self.offset[:, 1:] = 0.0
         self.start_work = float(np.sum(self._before * self.offset))
 
     @classmethod
@@ -160,11 +144,16 @@ class Functionals:
         carried -= structure.matrix.T @ start.reaction.ravel()
         for group, stress in zip(structure.points, start.stress, strict=True):
             carried += group.forces(group.from_tensors(stress))
-        given = StepStart(
-            reaction=start.reaction, displacement=u0, load=carried, offset=offset
+        return cls(
+            structure,
+            force,
+            end.displacement[structure.fixed],
+            reaction=start.reaction,
+            displacement=u0,
+            carried=carried,
+            offset=offset,
+            broken=end.broken,
         )
-        end_values = end.displacement[structure.fixed]
-        return cls(structure, force, end_values, start=given, broken=end.broken)
 
     @classmethod
     def of_step(
@@ -212,26 +201,24 @@ class Functionals:
                 f"step {at} of result, or the step before it, has frames of its own: the "
                 "functionals need those of B"
             )
-        start = None
+        start: dict[str, Any] = {}
         if before is not None:
             u0, offset = before.displacement, structure.gap.copy()
             moved = (structure.matrix @ u0).reshape(offset.shape)
             offset[:, 1:] = -moved[:, 1:]
             if before.dilation is not None:
                 offset[:, 0] -= before.dilation
-            start = StepStart(
-                reaction=before.reaction if increments else np.zeros(offset.shape),
-                displacement=u0 if increments else np.zeros_like(u0),
-                load=before.load if increments else np.zeros_like(u0),
-                offset=offset + moved if increments else offset,
-            )
+            start["offset"] = offset
+            if increments:
+                start = {"reaction": before.reaction, "displacement": u0}
+                start |= {"carried": before.load, "offset": offset + moved}
         return cls(
             structure,
             step.load,
             step.prescribed,
-            start=start,
             broken=step.broken,
             slack=slack,
+            **start,
         )
 
     def relative_displacement(self, du: ArrayLike) -> Floats:

@@ -129,7 +129,6 @@ class PointLaw:
         )
 
 
-@dataclass(frozen=True, eq=False)
 class PlasticPoints:
     """Points of an implicit standard material in a structure.
 
@@ -157,15 +156,6 @@ class PlasticPoints:
     TypeError, ValueError
         A wrong argument.
     """
-
-    strain: CsrMatrix
-    weights: Floats
-    stiffness: Floats
-    law: PointLaw
-    apex: Floats
-    components: Floats
-    poisson: Floats | None
-    shape: tuple[int, ...]
 
     def __init__(
         self,
@@ -212,18 +202,10 @@ class PlasticPoints:
                 f"dilatancy of point {at} is {law.dilatancy[at]:g}, expected 0 to mu = "
                 f"{law.mu[at]:g}: outside this range the law has no bipotential of this form"
             )
-        unit = np.eye(d) if components is None else components
-        for name, field in (
-            ("law", law),
-            ("apex", values["apex"]),
-            ("strain", matrix),
-            ("weights", volume),
-            ("stiffness", springs),
-            ("components", unit),
-            ("poisson", poisson),
-            ("shape", (m,) if shape is None else shape),
-        ):
-            object.__setattr__(self, name, field)
+        self.strain, self.weights, self.stiffness = matrix, volume, springs
+        self.law, self.apex, self.poisson = law, values["apex"], poisson
+        self.components = np.eye(d) if components is None else components
+        self.shape = (m,) if shape is None else shape
 
     @property
     def d(self) -> int:

@@ -76,6 +76,8 @@ class Soil:
     ----------
     body
         Mesh and elasticity, a `fem.Body`, as `fem.assemble` takes it.
+    quadrature
+        The points, with their positions and weights.
 
     Raises
     ------
@@ -137,15 +139,26 @@ class Soil:
     ) -> None:
         if body.kind.vtk not in _CELLS.values():
             raise ValueError(_describe_cells(body.dim, body.cells.shape[1], body.name))
-        self.body = body
+        self.body, x = body, body.points[body.cells]
+        shape, slopes, weights = reference_of(body.kind.shape, body.kind.of_cell, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            _, volumes = inverse(jacobian(body.points[body.cells], self._reference[1]))
+            inner, volumes = inverse(jacobian(x, slopes))
         folded = np.flatnonzero((volumes * volumes[0] <= 0).any(axis=0))
         if len(folded):
             raise ValueError(
                 f"cell {folded[0]} of body {body.name!r} is folded or flat, expected nodes in "
                 "the order of VTK, and those between corners near the middle of their sides"
             )
+        # Of the shape functions, (cells, points, corners, d).
+        self._gradients = np.einsum("qbi,qbac->cqia", slopes, inner)
+        self.quadrature = Quadrature(
+            corners=body.cells,
+            phi=shape,
+            places=np.einsum("pcd,cq->dpq", x, shape),
+            weights=(weights[:, None] * np.abs(volumes)).T,
+            normals=None,
+            nodes=len(body.points),
+        )
         self._moduli = _moduli(body)
         self._weight = number("weight", weight)
         if not math.isfinite(self._weight):
@@ -208,26 +221,6 @@ class Soil:
         return (alpha, beta, 0.0, a) if friction else (0.0, 0.0, shear, a)
 
     @property
-    def quadrature(self) -> Quadrature:
-        """The points, with their positions and weights."""
-        body, (phi, slopes, weights) = self.body, self._reference
-        x = body.points[body.cells]
-        _, determinant = inverse(jacobian(x, slopes))
-        return Quadrature(
-            corners=body.cells,
-            phi=phi,
-            places=np.einsum("pcd,cq->dpq", x, phi),
-            weights=(weights[:, None] * np.abs(determinant)).T,
-            normals=None,
-            nodes=len(body.points),
-        )
-
-    @property
-    def _reference(self) -> tuple[Floats, Floats, Floats]:
-        kind = self.body.kind
-        return reference_of(kind.shape, kind.of_cell, 2)
-
-    @property
     def load(self) -> Floats:
         """Nodal forces of the weight, ``(d nodes,)`` [N]."""
         down = -self._weight * np.eye(self.body.dim)[-1]
@@ -259,10 +252,8 @@ class Soil:
 
     def _strain_matrix(self, X: Floats, n: int, first: int) -> CsrMatrix:
         """``X ε`` at the points of the displacements of nodes, CSR ``(d m, n)``."""
-        body, (_, slopes, _) = self.body, self._reference
+        body, gradients = self.body, self._gradients
         dim, d = body.dim, len(X)
-        inner, _ = inverse(jacobian(body.points[body.cells], slopes))
-        gradients = np.einsum("qbi,qbac->cqia", slopes, inner)
         cells, q, corners, _ = gradients.shape
         # Gradient ∂_a u_k of unit displacements: (cells, q, corner, component, a, k).
         gradient = np.zeros((cells, q, corners, dim, 3, 3))

@@ -164,9 +164,10 @@ class Structure:
         blocks = sparse.block_diag([*matrices, sparse.csr_array((n - own, n - own))])
         self.K: CsrMatrix = sparse.csr_array(blocks)
         starts = iter(self.first[len(matrices) :])
+        self._placed = [(s, next(starts)) for s in self.soils if isinstance(s, Soil)]
+        made = iter([soil.make_points(n, first) for soil, first in self._placed])
         self.points = tuple(
-            soil.make_points(n, next(starts)) if isinstance(soil, Soil) else soil
-            for soil in self.soils
+            next(made) if isinstance(soil, Soil) else soil for soil in self.soils
         )
         for group in self.points:
             if group.strain.shape[1] != n:
@@ -177,11 +178,7 @@ class Structure:
         self.fixed = indices("fixed", fixed, n)
         self.free = np.setdiff1d(np.arange(n), self.fixed)
         self.weight = np.zeros(n)
-        for soil, first in zip(
-            [s for s in self.soils if isinstance(s, Soil)],
-            self.first[len(matrices) :],
-            strict=True,
-        ):
+        for soil, first in self._placed:
             self.weight[first : first + soil.body.points.size] += soil.load
         self._read_contacts(contacts)
         self._check_supports()
@@ -451,9 +448,7 @@ class Structure:
 
     def _check_supports(self) -> None:
         """Refuse supports that leave a rigid motion of a soil, or of a part of it, free."""
-        starts = self.first[len(self.first) - self._count_soils() :]
-        bodies = [soil.body for soil in self.soils if isinstance(soil, Soil)]
-        for body, first in zip(bodies, starts, strict=True):
+        for body, first in ((soil.body, first) for soil, first in self._placed):
             cells, (nodes, d) = body.cells, body.points.shape
             ends = np.repeat(cells[:, 0], cells.shape[1])
             part_of = _core.connected(nodes, ends, cells.ravel())
@@ -476,9 +471,6 @@ class Structure:
                         f"part with its centre at {place(centre)}: fix more of its degrees "
                         "of freedom"
                     )
-
-    def _count_soils(self) -> int:
-        return sum(isinstance(soil, Soil) for soil in self.soils)
 
 
 def _count_columns(soils: tuple[Inelastic, ...]) -> int:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import scene
-from bipot_rs.theory.functionals import Functionals, StepStart, of_problem
+from bipot_rs.theory.functionals import Functionals, of_problem
 from support.bodies import block
 
 Array = NDArray[np.float64]
@@ -94,9 +94,12 @@ def started(g: Given, seed: int, kind: str) -> tuple[Functionals, Array, Array]:
         made = Functionals.of_step(of_problem(problem, g.K), result, 1)
     else:  # # any: neither complementary nor in equilibrium
         t0, u0 = static(rng, g.mu, d), rng.normal(size=len(g.K))
-        start = StepStart(reaction=t0, displacement=u0)
         made = Functionals(
-            of_problem(problem, g.K), g.load[1], g.prescribed[1], start=start
+            of_problem(problem, g.K),
+            g.load[1],
+            g.prescribed[1],
+            reaction=t0,
+            displacement=u0,
         )
     return made, t0, u0
 
