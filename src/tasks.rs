@@ -3,9 +3,22 @@
 //!
 //! Rayon's iterators are compiled again for each closure, at some thousand instructions each.
 //! Here only [`for_each_index`] calls rayon, and it is compiled once.
+//!
+//! A thread that is not of a pool does all work itself: rayon would give it to its global pool,
+//! which never returns in a forked child.
 
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Does both, on two threads of the pool if this is one of its threads.
+pub fn join(first: impl FnOnce() + Send, second: impl FnOnce() + Send) {
+    if rayon::current_thread_index().is_some() {
+        rayon::join(first, second);
+    } else {
+        first();
+        second();
+    }
+}
 
 /// Calls `work` with each number below `count`, `together` numbers in one task.
 pub fn for_each_index(count: usize, together: usize, work: &(dyn Fn(usize) + Sync)) {
@@ -16,7 +29,7 @@ pub fn for_each_index(count: usize, together: usize, work: &(dyn Fn(usize) + Syn
         }
         let (start, end) = (numbers.start, numbers.end);
         let middle = start.midpoint(end);
-        rayon::join(
+        join(
             || halves(start..middle, together, work),
             || halves(middle..end, together, work),
         );

@@ -4,7 +4,7 @@
 //! Pools are therefore stored for each process. An inherited pool is never dropped, because
 //! that would wait for threads that do not exist.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -22,7 +22,8 @@ struct CachedPool {
 static POOLS: PerProcess<CachedPool> = PerProcess::new();
 
 /// The number of threads to use: `asked`, else `BIPOT_NUM_THREADS`, else
-/// `RAYON_NUM_THREADS`, else the cores this process may run on.
+/// `RAYON_NUM_THREADS`, else the cores this process might
+/// run on when it first asked.
 ///
 /// An empty variable counts as missing, and so does 0 in `RAYON_NUM_THREADS`, the default of
 /// rayon.
@@ -42,7 +43,10 @@ pub fn count(asked: Option<usize>) -> Result<usize, Error> {
             }
         }
     }
-    Ok(std::thread::available_parallelism().map_or(1, Into::into))
+    // The system reads files for it: longer than a small problem takes.
+    static CORES: OnceLock<usize> = OnceLock::new();
+    let cores = || std::thread::available_parallelism().map_or(1, Into::into);
+    Ok(*CORES.get_or_init(cores))
 }
 
 fn within(what: &'static str, text: &str) -> Result<usize, Error> {

@@ -1,8 +1,9 @@
 //! Runs long work without the interpreter lock; Ctrl-C stops it within a tenth of a second.
 
+use std::cell::{Cell, RefCell};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 use rayon::ThreadPool;
@@ -48,6 +49,39 @@ pub(super) fn watch<T: Send>(
         (None, Some(result)) => Ok(result??),
         (None, None) => Err(Error::Interrupted.into()),
     }
+}
+
+thread_local! {
+    /// When [`look_here`] last looked, and the exception that it found.
+    static LOOKED: Cell<Option<Instant>> = const { Cell::new(None) };
+    static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
+}
+
+/// Runs `work` on the calling thread: to wake another takes longer than a small problem. `work`
+/// calls [`look_here`] from time to time.
+///
+/// # Errors
+/// As [`run`].
+pub(super) fn here<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce(&AtomicBool) -> Result<T, Error> + Send,
+) -> PyResult<T> {
+    LOOKED.set(Some(Instant::now()));
+    let result = py.detach(|| caught(|| work(&AtomicBool::new(false))));
+    RAISED.take().map_or_else(|| Ok(result??), Err)
+}
+
+/// Whether a signal asks to stop; [`here`] then raises its exception.
+pub(super) fn look_here() -> bool {
+    let now = Instant::now();
+    if LOOKED.get().is_some_and(|looked| now - looked < LOOK) {
+        return false;
+    }
+    LOOKED.set(Some(now));
+    let raised = Python::attach(|py| py.check_signals()).err();
+    let stop = raised.is_some();
+    RAISED.set(raised);
+    stop
 }
 
 /// Runs `task` in the pool, and returns the exception that was raised meanwhile. It is not

@@ -30,6 +30,9 @@ pub(super) type IslandArrays = (
     Option<(Vec<usize>, Vec<usize>)>,
 );
 
+/// Problems of so many contacts are solved on the calling thread.
+const FEW: usize = 8;
+
 /// The part of `W` of an island.
 enum Stored<const D: usize> {
     /// The array of the caller.
@@ -146,6 +149,13 @@ impl<const D: usize> ReducedArrays<D> {
                 (_, None) => continue,
             };
             parts.push((nodes.clone(), part));
+        }
+        // Rayon has other ways to its global pool in sparse factorisations.
+        let dense = views.iter().all(Option::is_some) && self.rigid.modes.is_empty();
+        if self.contacts() <= FEW && dense && callback.is_none() {
+            crate::threads::count(num_threads)?;
+            let progress = Progress::asking(interrupt::look_here);
+            return interrupt::here(py, |stop| work(Compliance::new(parts)?, stop, &progress));
         }
         let progress = Progress::default();
         let tell = |py: Python<'_>| {

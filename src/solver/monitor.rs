@@ -28,6 +28,8 @@ pub struct Progress {
     iterations: AtomicUsize,
     work: AtomicU64,
     residual: AtomicU64,
+    /// Asks the caller between iterations, on the thread of the solve, whether to stop.
+    ask: Option<fn() -> bool>,
 }
 
 impl Default for Progress {
@@ -37,6 +39,7 @@ impl Default for Progress {
             iterations: AtomicUsize::new(0),
             work: AtomicU64::new(0),
             residual: AtomicU64::new(0),
+            ask: None,
         };
         progress.tell(0, 0.0, f64::INFINITY);
         progress
@@ -44,6 +47,16 @@ impl Default for Progress {
 }
 
 impl Progress {
+    /// The progress of a solve that asks `ask` between iterations whether to stop.
+    #[must_use]
+    pub fn asking(ask: fn() -> bool) -> Self {
+        let ask = Some(ask);
+        Self {
+            ask,
+            ..Self::default()
+        }
+    }
+
     fn tell(&self, iterations: usize, work: f64, residual: f64) {
         self.iterations.store(iterations, Ordering::Relaxed);
         self.work.store(work.to_bits(), Ordering::Relaxed);
@@ -160,7 +173,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         a: &[f64],
         iterated: bool,
     ) -> Result<NextStep, Ended> {
-        if self.stop.load(Ordering::Relaxed) {
+        if self.stop.load(Ordering::Relaxed) || self.progress.ask.is_some_and(|ask| ask()) {
             return Err(Error::Interrupted.into());
         }
         self.log.iterations += usize::from(iterated);

@@ -151,6 +151,17 @@ fn limits_end_with_the_best_point() {
     let raised = AtomicBool::new(true);
     let interrupted = solve(&case.problem(), &settings, &Start::default(), &raised);
     assert_eq!(interrupted.unwrap_err(), Error::Interrupted);
+    for answer in [true, false] {
+        let asking = Progress::asking(if answer { || true } else { || false });
+        let asked = solve_watched(
+            &case.problem(),
+            &settings,
+            &Start::default(),
+            &stop,
+            &asking,
+        );
+        assert_eq!(asked.is_err_and(|e| e == Error::Interrupted), answer);
+    }
     for settings in [
         Settings {
             tol: 0.0,

@@ -12,6 +12,7 @@ use crate::linalg::dense::kernels::{
 };
 use crate::linalg::dense::layout::{mirror_lower, part, strips, transpose_into};
 use crate::linalg::packed::PIVOTS;
+use crate::tasks::join;
 
 /// The inverse `(L Lᵀ)⁻¹` in the memory of `L`, bitwise symmetric; only the lower triangle is
 /// read. It needs no second matrix.
@@ -169,7 +170,7 @@ fn product_of_inverses(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(),
                 );
             }
         };
-        rayon::join(rest, diagonal);
+        join(rest, diagonal);
     }
     Ok(())
 }

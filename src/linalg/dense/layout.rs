@@ -3,6 +3,8 @@
 use faer::prelude::IntoConst;
 use faer::{MatMut, MatRef};
 
+use crate::tasks::join;
+
 /// Rows of a strip: enough work for another thread, and its copies stay in the near caches.
 const STRIP: usize = 256;
 
@@ -29,7 +31,7 @@ pub(super) fn strips(
     }
     let half = rows.div_ceil(size).div_ceil(2) * size;
     let (first, second) = c.split_at_row_mut(half);
-    rayon::join(
+    join(
         || strips(first, at, size, work),
         || strips(second, at + half, size, work),
     );
@@ -87,5 +89,5 @@ fn mirror(a: MatMut<'_, f64>) {
             transpose_into(below.subcols(i, c.nrows()), c);
         });
     };
-    rayon::join(copy, || rayon::join(|| mirror(first), || mirror(second)));
+    join(copy, || join(|| mirror(first), || mirror(second)));
 }

@@ -3,6 +3,7 @@
 use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::linalg::dense::kernels::faer_matmul;
+use crate::tasks::join;
 
 /// Columns or rows of a tile: enough for faer's full rate, and few enough for two threads at a
 /// front of a thousand rows.
@@ -89,7 +90,7 @@ fn tiles(
         tiles(first, at, depth, work);
         tiles(second, next, depth, work);
     } else {
-        rayon::join(
+        join(
             || tiles(first, at, depth, work),
             || tiles(second, next, depth, work),
         );

@@ -1,0 +1,80 @@
+"""Problems of a few contacts are solved on the calling thread: same bits, no thread."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from support.children import forked
+
+METHODS = ("auto", "newton", "gauss_seidel", "nesterov", "uzawa_two_projection")
+
+
+def problem(contacts: int, d: int, seed: int) -> bp.ReducedProblem:
+    """A random compliance, and free displacements that mostly penetrate."""
+    rng = np.random.default_rng([contacts, d, seed])
+    n = contacts * d
+    root, q = rng.normal(size=(n, n)), rng.normal(size=(contacts, d))
+    q[:, 0] -= 0.5
+    return bp.ReducedProblem(
+        root @ root.T / n + np.eye(n) / 9, q, rng.uniform(0, 1, contacts)
+    )
+
+
+@pytest.mark.parametrize("contacts", [1, 3, 8])
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_bits_are_those_of_a_worker(contacts: int, d: int) -> None:
+    """With a callback a worker of the pool does the work, while this thread calls back."""
+    for seed, method in enumerate(METHODS):
+        reduced = problem(contacts, d, seed)
+        here = reduced.solve(method)
+        worker = reduced.solve(method, callback=lambda *_: None)
+        for name in ("reaction", "relative_displacement", "status", "history"):
+            assert getattr(here, name).tobytes() == getattr(worker, name).tobytes()
+        assert (here.outcome, here.work) == (worker.outcome, worker.work)
+
+
+THREADS = """
+import os, numpy as np, bipot_rs as bp
+def make(n):
+    return bp.ReducedProblem(np.eye(3 * n), -np.ones((n, 3)), 0.3)
+make(1)
+before = len(os.listdir("/proc/self/task"))
+few = make(8)
+few.residual(few.solve().reaction)
+few.solve().unique
+after = len(os.listdir("/proc/self/task"))
+make(9).solve()
+print(after - before, len(os.listdir("/proc/self/task")) - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are listed in /proc")
+def test_eight_contacts_wake_no_thread() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", THREADS],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"BIPOT_NUM_THREADS": "2"},
+    )
+    assert run.stdout.split() == ["0", "2"]
+
+
+def test_a_forked_child_solves_few_contacts_after_many() -> None:
+    """The pool of the parent is not in the child, nor is rayon's."""
+    expected = problem(8, 3, 0).solve().reaction
+    problem(30, 3, 0).solve()
+
+    def child() -> None:
+        assert np.array_equal(problem(8, 3, 0).solve().reaction, expected)
+
+    assert forked(child).returncode == 0
+
+
+def test_the_number_of_threads_is_still_checked() -> None:
+    with pytest.raises(ValueError, match="num_threads is 0"):
+        problem(3, 3, 0).solve(num_threads=0)
