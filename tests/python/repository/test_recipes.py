@@ -107,10 +107,50 @@ def test_matrix_market(tmp_path: Path) -> None:
     assert read.reaction.tobytes() == result.reaction.tobytes()
 
 
-# The imports of a recipe, and the folder where Debian has them.
+def test_calculix(capsys: pytest.CaptureFixture[str]) -> None:
+    """Files that CalculiX 2.20 wrote: its K and its result are those of a scene."""
+    space = recipe("with_calculix")
+    job = places.DATA / "stiffness" / "cube"
+    K, row, deck = space["read"](job)
+    m = bp.Model("cube")
+    m.material("steel", young=210e3, poisson=0.3)
+    side = {"from": 0.0, "to": 10.0, "cells": 2}
+    m.body("cube", material="steel", cell="hexahedron", x=side, y=side, z=side)
+    m.support("cube.top", x=m.times(0.004, "drag"), y=0.0, z=-0.01)
+    plane = {"point": [0, 0, 0], "normal": [0, 0, 1]}
+    m.contact("cube.bottom", plane=plane, mu=0.25)
+    m.path(drag=[0.0, 1.0])
+    case = m.assemble()
+    number = {tuple(x): k for k, x in enumerate(case.model.nodes.tolist())}
+    order = np.empty(len(row), np.int64)
+    for (node, component), k in row.items():
+        order[k] = 3 * number[tuple(deck.places[deck.node[node]])] + component - 1
+    own = case.model.K.toarray()[np.ix_(order, order)]
+    # The file has 14 digits.
+    np.testing.assert_allclose(K.toarray(), own, atol=1e-13 * np.abs(own).max())
+    result, points = space["solve"](job)
+    reference = by_place(case.model.points, case.solve().reaction)
+    found = by_place(points, result.reaction)
+    assert np.abs(found - reference).max() <= 1e-9 * np.abs(reference).max()
+    space["main"](str(job))
+    assert "N normal" in capsys.readouterr().out
+
+
+def test_ansys(tmp_path: Path) -> None:
+    """The bar that comes with the reader: EA/L, raised by the held ends."""
+    python = python_with("ansys.mapdl.reader", "PyPI: ansys-mapdl-reader")
+    done = run_recipe(python, "with_ansys", tmp_path)
+    force = float(done.split()[0])
+    assert 1 < force / (16.9e6 / 5 * 0.01) < 1.02
+
+
+# The imports of a recipe, and the package that has them.
 ELSEWHERE = {
-    "with_getfem": ("getfem", "python3-getfem++"),
-    "with_fenicsx": ("dolfinx.fem, ufl, mpi4py", "python3-dolfinx"),
+    "with_getfem": ("getfem", "Debian: python3-getfem++"),
+    "with_fenicsx": ("dolfinx.fem, ufl, mpi4py", "Debian: python3-dolfinx"),
+    "with_felupe": ("felupe", "PyPI: felupe"),
+    "with_easyfea": ("EasyFEA", "PyPI: EasyFEA"),
+    "with_nastran": ("pyyeti.nastran.op4, skfem", "PyPI: pyyeti"),
 }
 
 
@@ -126,25 +166,31 @@ def python_with(modules: str, package: str) -> str:
             continue
         if done.returncode == 0:
             return python
-    pytest.skip(f"no Python here has {modules} (Debian: {package})")
+    pytest.skip(f"no Python here has {modules} ({package})")
+
+
+def run_recipe(python: str, name: str, folder: Path, *arguments: str) -> str:
+    """What a recipe prints."""
+    # The compiled core may be in another folder than the Python files.
+    paths = [Path(file or "").parents[1] for file in (_core.__file__, bp.__file__)]
+    done = subprocess.run(
+        [python, str(EXAMPLES / f"{name}.py"), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 @pytest.mark.parametrize("name", ELSEWHERE)
 def test_another_program(name: str, tmp_path: Path) -> None:
     """A cube of hexahedra, which is also a scene."""
     python = python_with(*ELSEWHERE[name])
-    # The compiled core may be in another folder than the Python files.
-    places = [Path(file or "").parents[1] for file in (_core.__file__, bp.__file__)]
-    done = subprocess.run(
-        [python, str(EXAMPLES / f"{name}.py"), str(tmp_path / "found.npz")],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, places))},
-    )
-    assert done.returncode == 0, done.stderr
-    assert "step 1" in done.stdout
+    told = run_recipe(python, name, tmp_path, str(tmp_path / "found.npz"))
+    assert "step 1" in told
     arrays_of_run = np.load(tmp_path / "found.npz")
     scene = read("sheared_cube", ["mesh.n=6"])
     case = assemble(scene, bodies(scene))
