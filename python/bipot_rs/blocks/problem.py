@@ -33,20 +33,11 @@ _NAMED = 6
 
 
 class Resultant(NamedTuple):
-    """What one interface transfers to its second block.
+    """What one interface transfers to its second block."""
 
-    Attributes
-    ----------
-    interface
-        Number of the interface.
-    force
-        ``(d,)``, in x, y[, z].
-    point
-        Centre of pressure, ``(d,)``: where the force acts, but for a moment about it.
-    """
-
-    interface: int
-    force: Floats
+    interface: int  # number of the interface
+    force: Floats  # `(d,)`, in x, y[, z]
+    # Centre of pressure, `(d,)`: where the force acts, but for a moment about it.
     point: Floats
 
 

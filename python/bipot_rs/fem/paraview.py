@@ -69,19 +69,12 @@ def write_bodies(
 
     Each step is written when the next one is asked for; yields the fields of its cells.
 
-    Parameters
-    ----------
-    path, model, steps
-        As in `write`.
-    of_cells
-        Further fields ``(cells,)`` or ``(cells, k)``, one mapping for each step.
-    at_rest
-        Function of the index of a step that returns ``at_rest`` of `cell_fields`.
-    instants
-        ``load`` and ``time`` of each step, as `Result._instants`; the default is the time of
-        each step for both.
-    units
-        Names of the units of ``"length"``, ``"force"`` and ``"stress"``.
+    ``path, model, steps``: as in `write`.
+    ``of_cells``: further fields ``(cells,)`` or ``(cells, k)``, one mapping for each step.
+    ``at_rest``: function of the index of a step that returns ``at_rest`` of `cell_fields`.
+    ``instants``: ``load`` and ``time`` of each step, as `Result._instants`; the default is the
+    time of each step for both.
+    ``units``: names of the units of ``"length"``, ``"force"`` and ``"stress"``.
     """
     more = of_cells if of_cells is not None else ({} for _ in steps)
     when = list_instants(steps) if instants is None else instants
@@ -93,19 +86,11 @@ def write_bodies(
 
 @dataclass(frozen=True)
 class Part:
-    """The cells of a model that one of several processes writes.
+    """The cells of a model that one of several processes writes."""
 
-    Attributes
-    ----------
-    number, count
-        Number of this part, and of all parts.
-    cells
-        Ascending numbers of the cells, for each body.
-    """
-
-    number: int
-    count: int
-    cells: Sequence[Ints]
+    number: int  # of this part
+    count: int  # of all parts
+    cells: Sequence[Ints]  # ascending numbers of the cells, for each body
 
 
 class BodySeries:
@@ -234,12 +219,9 @@ def cell_fields(
 def contact_fields(model: Assembly, step: Step) -> dict[str, AnyArray]:
     """Fields at the contacts, acting on ``Contact.body``.
 
-    Returns
-    -------
-    dict
-        The fields of `bipot_rs.files.fields.OF_CONTACTS`, among them ``displacement`` [m],
-        ``force`` [N] and ``traction`` [Pa] along global axes, ``pressure`` [Pa], ``slip`` of
-        the step [m], remaining ``gap`` [m], ``status`` (0 open, 1 slip, 2 stick).
+    Returns the fields of `bipot_rs.files.fields.OF_CONTACTS`, among them ``displacement`` [m],
+    ``force`` [N] and ``traction`` [Pa] along global axes, ``pressure`` [Pa], ``slip`` of the
+    step [m], remaining ``gap`` [m], ``status`` (0 open, 1 slip, 2 stick).
     """
     dofs = model.contact_dofs[:, :1] + np.arange(model.dim)
     contacts = {"frame": model.frame, "area": model.area}

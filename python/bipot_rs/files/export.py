@@ -60,38 +60,23 @@ def write_result(
 ) -> None:
     """Write contacts and load steps to an HDF5 file.
 
-    Parameters
-    ----------
-    path
-        File to write or to replace.
-    contacts
-        Arrays of ``/contacts``, such as ``x (n_c, d)`` and ``mu (n_c,)``; ``None`` is
-        left out.
-    steps
-        One mapping for each load step. Arrays become datasets of ``/steps/0000``, numbers
-        and strings its attributes, except ``residual`` and ``load``, which become scalar
-        datasets; ``None`` is left out.
-    complete
-        Whether the whole load path was solved.
-    attributes
-        Further attributes of the file, which may replace ``complete``; or a function that
-        returns them, which is called when all else is written.
-    fields
-        Function of the index of a step that returns its fields: ``load``, ``time``, and arrays with
-        the names and shapes of step 0. ``/fields/NAME`` has a row for each step.
-    mesh
-        The mesh, for ``/mesh``.
-    of_cells
-        Fields of the cells in each step, for ``/VTKHDF``; read once, after all else.
-    units
-        Names of the units of ``"length"``, ``"force"`` and ``"stress"``. Each dataset that
-        `files.fields` lists has the attributes ``dimension`` and ``frame`` if it has them,
-        and ``units`` if these are known; outside of ``/steps`` also ``meaning``.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written; an earlier one is unchanged.
+    ``path``: file to write or to replace.
+    ``contacts``: arrays of ``/contacts``, such as ``x (n_c, d)`` and ``mu (n_c,)``; ``None`` is
+    left out.
+    ``steps``: one mapping for each load step. Arrays become datasets of ``/steps/0000``,
+    numbers and strings its attributes, except ``residual`` and ``load``, which become scalar
+    datasets; ``None`` is left out.
+    ``complete``: whether the whole load path was solved.
+    ``attributes``: further attributes of the file, which may replace ``complete``; or a
+    function that returns them, which is called when all else is written.
+    ``fields``: function of the index of a step that returns its fields: ``load``, ``time``, and
+    arrays with the names and shapes of step 0. ``/fields/NAME`` has a row for each step.
+    ``mesh``: the mesh, for ``/mesh``.
+    ``of_cells``: fields of the cells in each step, for ``/VTKHDF``; read once, after all else.
+    ``units``: names of the units of ``"length"``, ``"force"`` and ``"stress"``. Each dataset
+    that `files.fields` lists has the attributes ``dimension`` and ``frame`` if it has them, and
+    ``units`` if these are known; outside of ``/steps`` also ``meaning``.
+    Raises `OSError`: the file cannot be written; an earlier one is unchanged.
     """
     h5py = load_library("h5py")
 
@@ -189,16 +174,9 @@ def read_result(
 ) -> tuple[Record, list[Record], Record]:
     """Read contacts and steps of a file written by `write_result`.
 
-    Returns
-    -------
-    contacts, steps, attributes
-        As given to `write_result`; ``attributes`` also contains ``complete`` and
-        ``version``.
-
-    Raises
-    ------
-    OSError, ValueError
-        As `read_saved`.
+    Returns ``contacts, steps, attributes``: as given to `write_result`; ``attributes`` also
+    contains ``complete`` and ``version``.
+    Raises `OSError` or `ValueError`: as `read_saved`.
     """
     saved = read_saved(path)
     return saved.contacts, saved.steps, saved.attributes
@@ -207,12 +185,8 @@ def read_result(
 def read_saved(path: str | os.PathLike[str]) -> Saved:
     """Read a file written by `write_result`.
 
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        The file is not a result, damaged, or of a later version of the format.
+    Raises `OSError`: the file cannot be read.
+    Raises `ValueError`: the file is not a result, damaged, or of a later version of the format.
     """
     with _open(path) as (file, attributes):
         return _read_steps(file, attributes, _Reader(place(path).stat().st_size))
@@ -221,10 +195,7 @@ def read_saved(path: str | os.PathLike[str]) -> Saved:
 def read_attributes(path: str | os.PathLike[str]) -> Record:
     """The attributes of such a file, as `read_result` returns them; its arrays are not read.
 
-    Raises
-    ------
-    OSError, ValueError
-        As `read_saved`.
+    Raises `OSError` or `ValueError`: as `read_saved`.
     """
     with _open(path) as (_, attributes):
         return attributes

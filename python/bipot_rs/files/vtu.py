@@ -35,20 +35,13 @@ def write_grid(
 ) -> None:
     """Write one step as a binary VTU file.
 
-    Parameters
-    ----------
-    path
-        The file.
-    points
-        ``(points, 3)``.
-    cells
-        Pairs of a kind and corners ``(cells, corners)`` in the order of VTK.
-    of_points, of_cells
-        Arrays ``(points,)``, ``(points, k)`` and ``(cells,)``, ``(cells, k)`` by name.
-    numbers
-        Numbers of the step by name.
-    units
-        Units of fields by name.
+    ``path``: the file.
+    ``points``: ``(points, 3)``.
+    ``cells``: pairs of a kind and corners ``(cells, corners)`` in the order of VTK.
+    ``of_points, of_cells``: arrays ``(points,)`` or ``(points, k)``, and ``(cells,)`` or
+    ``(cells, k)``, by name.
+    ``numbers``: numbers of the step by name.
+    ``units``: units of fields by name.
     """
     meshio = load_library("meshio", extra="fem", need="files for ParaView")
     # 32 bits are enough for almost every mesh that fits into memory.
@@ -133,12 +126,8 @@ def write_pieces(
 def read_collection(path: Path) -> list[tuple[float, str]]:
     """Time and file of each step of a PVD index.
 
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        The file is not a PVD index.
+    Raises `OSError`: the file cannot be read.
+    Raises `ValueError`: the file is not a PVD index.
     """
     sets = _elements(path, "Collection", "DataSet", ("timestep", "file"))
     try:

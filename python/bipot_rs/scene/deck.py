@@ -69,12 +69,9 @@ class _Piece:
 class Deck:
     """A deck that becomes a scene.
 
-    Attributes
-    ----------
-    sets
-        Sets that the mesh of the scene needs besides those of the deck, as lines of a deck.
-    notes
-        What the scene does not take: ``"line 7: *TIE is not taken"``.
+    ``sets``: sets that the mesh of the scene needs besides those of the deck, as lines of a
+    deck.
+    ``notes``: what the scene does not take: ``"line 7: *TIE is not taken"``.
     """
 
     def __init__(self, path: Path) -> None:

@@ -26,18 +26,10 @@ class Histories:
     load step all numbers grow linearly from zero; without an amplitude they then stay
     constant.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    ends : (steps,)
-        Ends of the steps, from 0 to the number of load steps; the default is the ends of
-        the load steps.
-
-    Raises
-    ------
-    ValueError
-        An end is outside the path.
+    ``scene``: the scene.
+    ``ends (steps,)``: ends of the steps, from 0 to the number of load steps; the default is the
+    ends of the load steps.
+    Raises `ValueError`: an end is outside the path.
     """
 
     def __init__(self, scene: Scene, ends: Floats | None = None) -> None:

@@ -40,27 +40,16 @@ class Touched(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Bond:
-    """The state of the contacts of a load path beside their slip.
+    """The state of the contacts of a load path beside their slip."""
 
-    Attributes
-    ----------
-    law
-        The law of the path, with the cohesion of unbroken contacts.
-    broken : (n_c,) or None
-        Contacts that have lost their cohesion; None for a law without.
-    dilation : (n_c,) or None
-        Opening at which the surfaces meet; None if dilatancy has never lifted them.
-    rounding
-        Openings up to here are rounding of the coordinates.
-    points : (n_c, d) or None
-        Places of the contacts.
-    """
-
-    law: ContactLaw
+    law: ContactLaw  # the law of the path, with the cohesion of unbroken contacts
+    # (n_c,) or None: contacts that have lost their cohesion; None for a law without.
     broken: Bools | None = None
+    # (n_c,) or None: opening at which the surfaces meet; None if dilatancy has never lifted
+    # them.
     dilation: Floats | None = None
-    rounding: float = 0.0
-    points: Floats | None = None
+    rounding: float = 0.0  # openings up to here are rounding of the coordinates
+    points: Floats | None = None  # (n_c, d) or None: places of the contacts
 
     @classmethod
     def begin(cls, contacts: Contacts, at: Step | None) -> Bond:

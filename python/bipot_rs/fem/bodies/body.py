@@ -33,31 +33,18 @@ Box: TypeAlias = Mapping[int, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Quadrature:
-    """Gauss points on cells or facets, with the shape functions there.
+    """Gauss points on cells or facets, with the shape functions there."""
 
-    Attributes
-    ----------
-    corners : (parts, c)
-        Nodes of each cell or facet.
-    phi : (c, q) or (parts, c, q)
-        Shape functions at the points, the same on every cell or facet, or of each.
-    places : (d, parts, q)
-        Positions of the points [m].
-    weights : (parts, q)
-        Weights; their sum is the volume [m³] or the area [m²], in 2D the area or the
-        length, without the thickness.
-    normals : (d, parts, q) or None
-        Outward unit normals, on facets.
-    nodes : int
-        Number of nodes of the body.
-    """
-
-    corners: Ints
+    corners: Ints  # (parts, c): nodes of each cell or facet
+    # (c, q) or (parts, c, q): shape functions at the points, the same on every cell or facet,
+    # or of each.
     phi: Floats
-    places: Floats
+    places: Floats  # (d, parts, q): positions of the points [m]
+    # (parts, q): weights; their sum is the volume [m³] or the area [m²], in 2D the area or the
+    # length, without the thickness.
     weights: Floats
-    normals: Floats | None
-    nodes: int
+    normals: Floats | None  # (d, parts, q) or None: outward unit normals, on facets
+    nodes: int  # number of nodes of the body
 
     __repr__ = short_repr
 

@@ -114,13 +114,9 @@ def dofs_of(nodes: Ints, dim: int) -> Ints:
 def surface_stiffness(body: Body, points: Quadrature, density: Floats) -> CsrMatrix:
     """``∫ φ_i k φ_j`` over a surface, in the form of `stiffness`, bitwise symmetric.
 
-    Parameters
-    ----------
-    body, points
-        The body, and the points of one of its surfaces.
-    density
-        Stiffness per area k, symmetric, at these points: ``(d, d, facets, points)``
-        [N/m³].
+    ``body, points``: the body, and the points of one of its surfaces.
+    ``density``: stiffness per area k, symmetric, at these points: ``(d, d, facets, points)``
+    [N/m³].
     """
     phi, weights = points.phi, body.depth * points.weights
     parts, dim = len(points.corners), body.dim
@@ -178,16 +174,9 @@ def _describe_folded_cell(body: Body, cell: int) -> ValueError:
 def distinct_cells(corners: Floats) -> tuple[Floats, Ints]:
     """Distinct cells up to translation, and the index of each cell among them.
 
-    Parameters
-    ----------
-    corners
-        ``(cells, corners, d)``.
-
-    Returns
-    -------
-    shapes, which
-        Corners relative to the first, ``(shapes, corners, d)``, and ``(cells,)``. Cells
-        share a shape only if these differences are bitwise equal.
+    ``corners``: ``(cells, corners, d)``.
+    Returns ``shapes, which``: corners relative to the first, ``(shapes, corners, d)``, and
+    ``(cells,)``. Cells share a shape only if these differences are bitwise equal.
     """
     count = len(corners)
     # Differences first: far from the origin the Jacobian would lose digits.
@@ -210,15 +199,9 @@ def distinct_cells(corners: Floats) -> tuple[Floats, Ints]:
 def nodal_forces(body: Body, points: Quadrature, value: Field) -> Floats:
     """∫ φ_i value, ``(dim * nodes,)``, over cells or facets.
 
-    Parameters
-    ----------
-    body
-        The body; its thickness counts in 2D.
-    points
-        `Body.volume` or `Body.surface`.
-    value
-        Density ``(d,)``, values at the quadrature points ``(d, cells, points)``, or a
-        function of the positions ``(d, cells, points)`` that returns one of these.
+    In 2D the thickness of the body counts. ``points``: `Body.volume` or `Body.surface`.
+    ``value``: density ``(d,)``, values at the quadrature points ``(d, cells, points)``, or a
+    function of the positions ``(d, cells, points)`` that returns one of these.
     """
     places = points.places
     what = f"force on body {body.name!r}"
@@ -260,18 +243,10 @@ def vtk_cells(body: Body) -> tuple[str, Ints]:
 def find_neighbours(bodies: Sequence[Body], first: int, last: int) -> tuple[Ints, Ints]:
     """Nodes that share a cell with each of the nodes ``first`` to ``last - 1``.
 
-    Parameters
-    ----------
-    bodies
-        Their nodes are counted body after body.
-    first, last
-        Range of nodes.
-
-    Returns
-    -------
-    indptr, indices
-        Compressed rows ``(last - first,)`` of the graph, without the nodes themselves,
-        ascending.
+    ``bodies``: their nodes are counted body after body.
+    ``first, last``: range of nodes.
+    Returns ``indptr, indices``: compressed rows ``(last - first,)`` of the graph, without the
+    nodes themselves, ascending.
     """
     blocks, before = [], 0
     count = sum(len(body.points) for body in bodies)

@@ -24,17 +24,11 @@ def distributed_force(
     the part, has the resultant force ``a A`` and about c the moment ``J b``; among all
     densities with this resultant it is the smallest in the mean square.
 
-    Parameters
-    ----------
-    body, remote
-        The remote, with ``distributed``, and its body.
-    force, moment
-        At the reference point, ``(d,)`` [N], and ``(3,)`` or in the plane a number [N m].
-
-    Raises
-    ------
-    ValueError
-        A wrong shape, a moment without an arm, or a part without facets or cells.
+    ``body, remote``: the remote, with ``distributed``, and its body.
+    ``force, moment``: at the reference point, ``(d,)`` [N], and ``(3,)`` or in the plane a
+    number [N m].
+    Raises `ValueError`: a wrong shape, a moment without an arm, or a part without facets or
+    cells.
     """
     d = body.dim
     what = f"of the remote {remote.name!r}"

@@ -37,45 +37,29 @@ _NOTHING = 64 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True)
 class Relations:
-    """Relations ``Σ coefficients · u[dofs] = 0``, one in each row.
+    """Relations ``Σ coefficients · u[dofs] = 0``, one in each row."""
 
-    Attributes
-    ----------
-    dofs, coefficients : (relations, terms)
-        The first degree of freedom of a row is preferred as the dependent one. Terms with a
-        coefficient of zero are ignored.
-    """
-
+    # dofs, coefficients (relations, terms): the first degree of freedom of a row is preferred
+    # as the dependent one. Terms with a coefficient of zero are ignored.
     dofs: Ints
     coefficients: Floats
 
 
 @dataclass(frozen=True)
 class Ties:
-    """Relations between displacements, as a matrix; the `Held` of a contact problem.
+    """Relations between displacements, as a matrix; the `Held` of a contact problem."""
 
-    Attributes
-    ----------
-    within : sparse (n, n)
-        T.
-    dependent : (m,)
-        Numbers of the dependent degrees of freedom, ascending.
-    given : sparse (k, n)
-        Relations between prescribed degrees of freedom alone.
-    fixed : (fixed,)
-        Degrees of freedom that supports prescribe, and the dependent ones, ascending.
-    nodes : (nodes, d)
-        Positions of all nodes and reference nodes [m].
-    planes
-        Planes of symmetry that are not normal to an axis, or None. They contain no dependent
-        degree of freedom.
-    """
-
-    within: CsrMatrix = field(repr=False)
+    within: CsrMatrix = field(repr=False)  # sparse (n, n): T
+    # (m,): numbers of the dependent degrees of freedom, ascending.
     dependent: Ints = field(repr=False)
+    # Sparse (k, n): relations between prescribed degrees of freedom alone.
     given: CsrMatrix = field(repr=False)
+    # (fixed,): degrees of freedom that supports prescribe, and the dependent ones, ascending.
     fixed: Ints = field(repr=False)
+    # (nodes, d): positions of all nodes and reference nodes [m].
     nodes: Floats = field(repr=False)
+    # Planes of symmetry that are not normal to an axis, or None. They contain no dependent
+    # degree of freedom.
     planes: Planes | None = field(default=None, repr=False)
 
     def stiffness(self, K: CsrMatrix) -> CsrMatrix:
@@ -194,19 +178,10 @@ def make_ties(
 ) -> Ties:
     """Solve relations for dependent degrees of freedom.
 
-    Parameters
-    ----------
-    relations
-        In the order in which they are solved.
-    fixed
-        Degrees of freedom that supports prescribe, ascending.
-    nodes, planes
-        As in `Ties`.
-
-    Raises
-    ------
-    ValueError
-        A node is in a relation and on an inclined plane of symmetry.
+    ``relations`` are solved in their order.
+    ``fixed``: degrees of freedom that supports prescribe, ascending.
+    ``nodes, planes``: as in `Ties`.
+    Raises `ValueError`: a node is in a relation and on an inclined plane of symmetry.
     """
     n = nodes.size
     prescribed = np.zeros(n, np.bool_)
@@ -281,10 +256,7 @@ def _separate_relations(
 class _Elimination:
     """Gaussian elimination, relation by relation.
 
-    Attributes
-    ----------
-    solved
-        The coefficients of the independent degrees of freedom, of each dependent one.
+    ``solved``: the coefficients of the independent degrees of freedom, of each dependent one.
     """
 
     def __init__(self, prescribed: Bools) -> None:

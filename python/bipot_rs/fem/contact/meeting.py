@@ -34,30 +34,18 @@ _CLOSED = 1e-7
 
 @dataclass(frozen=True)
 class Meeting:
-    """The contact nodes of one `Contact`, with gaps and rows of B.
+    """The contact nodes of one `Contact`, with gaps and rows of B."""
 
-    Attributes
-    ----------
-    points : (n_c, d)
-        Positions of the contact nodes [m].
-    frame : (n_c, d, d)
-        Rows n, t1[, t2], n from the obstacle towards the body.
-    gap, area : (n_c,)
-        Normal gap [m] and tributary area [m²].
-    dofs : (n_c, 2)
-        First degree of freedom of the node and of its partner, -1 without one.
-    rows : sparse (d n_c, n) or None
-        Rows of B, if they are not one node minus another node.
-    moved : Approach or None
-        Normals, gaps and drag of each step, if the obstacle moves.
-    """
-
-    points: Floats
-    frame: Floats
+    points: Floats  # (n_c, d): positions of the contact nodes [m]
+    frame: Floats  # (n_c, d, d): rows n, t1[, t2], n from the obstacle towards the body
+    # gap, area (n_c,): normal gap [m] and tributary area [m²].
     gap: Floats
     area: Floats
+    # (n_c, 2): first degree of freedom of the node and of its partner, -1 without one.
     dofs: Ints
+    # Sparse (d n_c, n) or None: rows of B, if they are not one node minus another node.
     rows: CsrMatrix | None = None
+    # Approach or None: normals, gaps and drag of each step, if the obstacle moves.
     moved: Approach | None = None
 
 
@@ -210,12 +198,8 @@ def gaps_of_steps(
 ) -> MovingGaps | None:
     """Gaps, frames and drag of each step for all contacts; None if no obstacle moves.
 
-    Parameters
-    ----------
-    frame
-        Frames at the start, ``(n_c, d, d)``.
-    turned
-        Whether their tangents were turned to those of inclined supports.
+    ``frame``: frames at the start, ``(n_c, d, d)``.
+    ``turned``: whether their tangents were turned to those of inclined supports.
     """
     steps = sorted({len(one.moved.drag) for one in found if one.moved is not None})
     if not steps:

@@ -26,16 +26,10 @@ def follow_obstacle(
 ) -> Approach:
     """Normals, gaps with clearance, and drag at contact nodes, in the states of a motion.
 
-    Parameters
-    ----------
-    side
-        The surface of the contact.
-    motion
-        Instead of that of the contact.
-    nodes
-        Nodes of the body that have the contacts, ``(n_c,)``.
-    since
-        The first state, as in `approach`.
+    ``side``: the surface of the contact.
+    ``motion``: instead of that of the contact.
+    ``nodes``: nodes of the body that have the contacts, ``(n_c,)``.
+    ``since``: the first state, as in `approach`.
     """
     if contact.pairing != "match":
         return weigh_obstacle(side, contact, motion, since)[2]

@@ -17,19 +17,11 @@ from bipot_rs.mortar.facet_mesh import FacetMesh, drop_rounding, surface, turned
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """A named surface of a body, with what contacts need of it.
-
-    Attributes
-    ----------
-    body, name
-        The body and its surface.
-    within
-        Ranges of coordinates that select nodes.
-    """
+    """A named surface of a body, with what contacts need of it."""
 
     body: Body
     name: str
-    within: Box | None = None
+    within: Box | None = None  # ranges of coordinates that select nodes
 
     @cached_property
     def nodes(self) -> Ints:
