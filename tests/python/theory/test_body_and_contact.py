@@ -428,8 +428,9 @@ def test_units_do_not_matter() -> None:
         assert two.work / 1e12 == pytest.approx(step.work, rel=1e-9)
 
 
-def test_limits_with_a_contact_in_the_mechanism() -> None:
-    """A block of soil pushed along a base of friction μ under a weight on its top."""
+@pytest.mark.parametrize("cohesion", [0.0, 0.01])
+def test_limits_with_a_contact_in_the_mechanism(cohesion: float) -> None:
+    """A block of soil pushed along a base of friction μ under its weight."""
     body = body_of([0, 1, 2], [0, 0.5, 1.0])
     at, n = body.points, body.points.size
     base = nodes_along(body, at[:, 1] < 1e-9)
@@ -437,7 +438,8 @@ def test_limits_with_a_contact_in_the_mechanism() -> None:
     rows = np.arange(len(base))
     B[2 * rows, 2 * base + 1] = B[2 * rows + 1, 2 * base] = 1.0
     soil = Soil.of_body(body, 30.0, 0.0, 100.0, weight=1.0)
-    structure = Structure([], [soil], Contacts(B, np.zeros(len(base)), 0.4))
+    contacts = Contacts(B, np.zeros(len(base)), 0.4, cohesion, 0.1)
+    structure = Structure([], [soil], contacts)
     push = np.zeros(n)
     push[2 * np.flatnonzero(at[:, 0] < 1e-9)] = [
         1 / 6 if 1e-9 < y < 1 - 1e-9 and abs(y - 0.5) > 1e-9 else 0.0
@@ -446,10 +448,16 @@ def test_limits_with_a_contact_in_the_mechanism() -> None:
     push /= push.sum()
     limits = bound_load(structure, push)
     # The soil is strong: the block slides at μ times its weight, 0.4 · 2, unless it tilts.
-    assert limits.upper == pytest.approx(0.8, rel=1e-6)
+    held = len(base) * cohesion
+    assert limits.upper == pytest.approx(0.8 + held, rel=1e-6)
     assert limits.mechanism is not None
-    # Without dilatancy the cone of β does not even carry the weight.
+    # Without dilatancy the cone of β of the soil does not even carry the weight.
     assert limits.lower == -math.inf
+    # An associated soil does, and the base carries β times it: it may break.
+    strong = Soil.of_body(body, 30.0, 30.0, 100.0, weight=1.0)
+    limits = bound_load(Structure([], [strong], contacts), push)
+    assert limits.lower == pytest.approx(0.2, rel=1e-6)
+    assert limits.upper == pytest.approx(0.8 + held, rel=1e-6)
 
 
 @cache

@@ -546,6 +546,33 @@ def test_a_cell_without_volume_is_named(shape: str) -> None:
         theory.Soil(points, [np.arange(8)], E, NU, 30.0, 0.0, 1.0)
 
 
+def test_a_model_with_cohesion_breaks_as_its_problem() -> None:
+    """`fem.Assembly` has the law of its contacts; a block is pressed, pulled and dragged."""
+    grid = box([np.linspace(0.0, 1.0, 5)] * 2, "quadrilateral")
+    block = fem.Body("block", grid, fem.Material(E, NU))
+    glue: dict[str, Any] = {"cohesion": 0.4, "dilatancy": 0.1}
+    wall = fem.Contact("block", "bottom", 0.3, plane=((0, 0), (0, 1)), **glue)
+    model = fem.assemble([block], [wall], [fem.Support("block", "top", (0, 1))])
+    vertical = model.fixed % 2 == 1
+    moved = np.zeros((4, len(model.fixed)))
+    moved[:, ~vertical] = np.array([[0.0], [0.01], [0.03], [0.05]])
+    moved[:, vertical] = np.array([[-0.01], [-0.01], [0.002], [-0.005]])
+    # Tilted, so that some contacts open.
+    moved[:, vertical] += np.linspace(-0.01, 0.01, vertical.sum())
+    structure = Structure([block], contacts=model, fixed=model.fixed)
+    steps = structure.solve(prescribed=moved, tol=TOL)
+    result = model.problem().solve(None, moved, tol=1e-13)
+    for step, other in zip(steps, result, strict=True):
+        # Rounding of both stiffnesses, times their condition.
+        scale = np.abs(other.reaction).max()
+        assert np.abs(step.reaction - other.reaction).max() < 1e-12 * scale
+        assert np.array_equal(step.broken, other.broken)
+        assert np.abs(step.dilation - other.dilation).max() < 1e-14
+    assert 0 < steps[-1].broken.sum() < len(steps[-1].broken)
+    again = structure.solve(prescribed=moved[2:], start=steps[1], tol=TOL)[-1]
+    assert np.array_equal(again.displacement, steps[-1].displacement)
+
+
 def test_a_tolerance_below_rounding_is_the_reason() -> None:
     """The stress across the plane is the intermediate one; it is not blamed."""
     body = body_of(mesh_of("quadrilateral"))
