@@ -27,6 +27,9 @@ _SILENT = re.compile(
     "|TIME POINTS|FILE FORMAT"
 )
 _LOADS = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD")
+# Entries that each data line has at least; of the first three there is a line.
+_LEAST = {"ELASTIC": 2, "DENSITY": 1, "FRICTION": 1, "CONTACT PAIR": 2, "BOUNDARY": 2}
+_LEAST |= dict.fromkeys(_LOADS[1:], 3)
 # Parameters that are taken, or change nothing; others are listed.
 _KNOWN = {
     **dict.fromkeys(_LOADS, ("OP", "AMPLITUDE")),
@@ -62,6 +65,7 @@ class _Piece:
     materials: dict[str, str] = field(default_factory=dict)
     cells: set[int] = field(default_factory=set)
     points: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    at: dict[tuple[float, ...], int] = field(default_factory=dict)
     # Name and nodes of each surface, by its name in capitals.
     surfaces: dict[str, tuple[str, set[int]]] = field(default_factory=dict)
 
@@ -108,6 +112,11 @@ class Deck:
         begun, solved, sectioned = False, True, []
         for section in self._mesh.rest:
             word, rows = section.word, section.rows
+            least = _LEAST.get(word, 0)
+            short = [line for line, row in rows if len(row) < least]
+            if short or (least and word in list(_LEAST)[:3] and not rows):
+                where = f"{section.path}, line {(short or [section.line])[0]}"
+                raise ValueError(f"{where}: *{word} has fewer than {least} entries")
             known = _KNOWN.get(word, section.parameters)
             other = [key for key in section.parameters if key not in known]
             if other:
@@ -121,18 +130,13 @@ class Deck:
                 continue
             elif word == "STATIC":
                 for line, row in rows[:1]:
-                    self._steps[-1].period = (section.reals(line, row[1:2]) or [0])[
-                        0
-                    ] or 1
+                    (period,) = section.reals(line, [*row, ""][1:2])
+                    self._steps[-1].period = period or 1.0
             elif word == "MATERIAL":
                 material = section.named("NAME")
             elif word == "SURFACE INTERACTION":
                 interaction = section.named("NAME")
-            elif word == "ELASTIC" and section.named("TYPE") in (
-                "",
-                "ISO",
-                "ISOTROPIC",
-            ):
+            elif word == "ELASTIC" and section.named("TYPE")[:3] in ("", "ISO"):
                 self._elastic[material] = section.reals(rows[0][0], rows[0][1][:2])
                 if len(rows) > 1:
                     self._note(section, "varies: its first line is taken")
@@ -153,7 +157,12 @@ class Deck:
                 total = section.named("TIME").startswith("TOTAL")
                 self._amplitudes[section.named("NAME")] = table, total
             elif word in _LOADS:
-                self._steps[-1].sections.append(section)
+                here = self._steps[-1].sections
+                if section.named("OP") == "NEW":
+                    # Those before the first step end with it.
+                    kept = [s for s in here if s.word != word or s.named("OP") == "NEW"]
+                    here[:] = kept
+                here.append(section)
             elif word in ("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "VISCO"):
                 self._note(section, "is not static: its step is not taken")
                 solved, begun = False, len(self._steps) > 1
@@ -202,15 +211,19 @@ class Deck:
                     piece.plane["thickness"] = section.reals(line, row)[0] or 1.0
         if not pieces:
             raise ValueError(f"{self.path} has no *SOLID SECTION with cells")
-        self._pieces = {_word(next(iter(p.materials))): p for p in pieces.values()}
+        for piece in pieces.values():
+            name = _word(next(iter(piece.materials)))
+            while name in self._pieces:
+                name += "_"
+            self._pieces[name] = piece
 
     def _name_faces(self, step: _LoadStep) -> None:
         """Define surfaces of the faces that ``*DLOAD`` names by cells and a label."""
         for section in step.sections:
             for _, row in section.rows if section.word == "DLOAD" else ():
                 if re.fullmatch("P[1-6]", row[1].upper()):
-                    name = _word("_".join(row[:2]))
-                    text = f"*SURFACE, NAME={name}\n{row[0]}, S{row[1][1]}"
+                    name = _word("_".join(row[:2])).upper()
+                    text = f"*SURFACE, NAME={name}\n{row[0].upper()}, S{row[1][1]}"
                     self.sets += [] if text in self.sets else [text]
 
     def model(self, mesh: Path, file: str) -> Model:
@@ -229,6 +242,7 @@ class Deck:
             group = list(piece.materials)
             found = read_mesh(mesh, group)
             piece.points = found.p.T
+            piece.at = {tuple(x): k for k, x in enumerate(found.p.T.tolist())}
             for surface, facets in (found.boundaries or {}).items():
                 nodes = np.unique(facet_nodes(found, np.asarray(facets))).tolist()
                 piece.surfaces[surface.upper()] = surface, set(nodes)
@@ -260,9 +274,8 @@ class Deck:
     ) -> Iterator[tuple[dict[str, Any], int]]:
         """Keys that choose the nodes of a set, and their number; off surfaces ``each`` node."""
         mesh = self._mesh
-        numbers = mesh.find_set(mesh.nodes_of, word) or [
-            int(word) if word.isdigit() else -1
-        ]
+        one = int(word) if word.isdecimal() else -1
+        numbers = mesh.find_set(mesh.nodes_of, word) or [one]
         if not all(number in mesh.node for number in numbers):
             raise ValueError(
                 f"{section.path}, line {line}: there are no nodes {word!r}"
@@ -270,19 +283,18 @@ class Deck:
         wanted = {(*mesh.places[mesh.node[n]], 0.0)[:3] for n in numbers}
         for body, piece in self._pieces.items():
             d = piece.points.shape[1]
-            places = {place[:d] for place in wanted}
-            here = {
-                k for k, x in enumerate(piece.points.tolist()) if tuple(x) in places
-            }
+            here = {piece.at[x[:d]] for x in wanted if x[:d] in piece.at}
             if not here:
                 continue
             name, nodes = piece.surfaces.get(word.strip('"').upper(), ("", set()))
             x = piece.points[sorted(here)]
             low, high = x.min(axis=0), x.max(axis=0)
-            inside = ((piece.points >= low) & (piece.points <= high)).all(axis=1)
+            # As `within` chooses.
+            slack = 1e-9 * np.ptp(piece.points, axis=0)
+            inside = (piece.points >= low - slack) & (piece.points <= high + slack)
             if nodes == here:
                 yield {"on": f"{body}.{name}"}, len(here)
-            elif inside.sum() == len(here) > 1 and not each:
+            elif inside.all(axis=1).sum() == len(here) > 1 and not each:
                 ranges = np.stack([low, high], axis=1).tolist()
                 within = dict(zip(AXES, ranges, strict=False))
                 yield {"on": body, "within": within}, len(here)
@@ -315,10 +327,12 @@ class Deck:
     def _support(self, m: Model) -> None:
         found: dict[str, tuple[dict[str, Any], dict[int, _Changes]]] = {}
         for k, section, line, row in self._rows("BOUNDARY"):
-            text = [part or row[1] for part in (*row, "", "")[1:3]]
-            dofs = _NAMED.get(row[1].upper()) or [
-                int(v) for v in section.reals(line, text)
-            ]
+            texts = [part or row[1] for part in (*row, "")[1:3]]
+            reals = section.reals(line, texts) if row[1].upper() not in _NAMED else []
+            dofs = _NAMED.get(row[1].upper()) or [int(v) for v in reals]
+            if dofs[0] < 1:
+                where = f"{section.path}, line {line}"
+                raise ValueError(f"{where}: has component {row[1]}, expected 1 to 6")
             (value,) = section.reals(line, row[3:4]) or [0.0]
             if dofs[1] > 3:
                 self._note(section, "of rotations is not taken", line)
@@ -347,8 +361,12 @@ class Deck:
         found: dict[tuple[str, ...], _Changes] = {}
         first: dict[tuple[str, ...], tuple[Section, int]] = {}
         for k, section, line, row in self._rows("DLOAD", "DSLOAD", "CLOAD"):
+            while not row[-1]:
+                row.pop()
             # The direction is part of what is loaded.
-            key = section.word, row[0], row[1].upper(), *row[3:]
+            key = section.word, row[0].upper(), row[1].upper(), *row[3:]
+            if k in found.get(key, ()):
+                self._note(section, "is repeated: the last one is taken", line)
             (value,) = section.reals(line, row[2:3]) or [0.0]
             found.setdefault(key, {})[k] = value, section.named("AMPLITUDE")
             first.setdefault(key, (section, line))

@@ -147,7 +147,9 @@ def test_steps_amplitudes_and_friction(bipot: Any) -> None:
         + PAIR
         + "*AMPLITUDE, NAME=GROWS\n0., 0., 1., 0.75, 4., 1.\n"
         + "*BOUNDARY\nFLOOR, PINNED\n"
-        + "*STEP, INC=100\n*STATIC\n1., 4.\n*BOUNDARY\nROOF, 1, 2\n"
+        # The first step frees the sides, which were held before it.
+        + "*BOUNDARY\nSIDES, 1\n"
+        + "*STEP, INC=100\n*STATIC\n1., 4.\n*BOUNDARY, OP=NEW\nFLOOR, PINNED\nROOF, 1, 2\n"
         + f"*DSLOAD, AMPLITUDE=GROWS\nTOP, P, {p}\n*NODE FILE\nU\n*END STEP\n"
         + f"*STEP\n*STATIC\n*BOUNDARY\nROOF, 1, , {far}\n*END STEP\n"
         + "*STEP\n*STATIC\n*DSLOAD, OP=NEW\nTOP, P, 4.\n*END STEP\n"
@@ -290,6 +292,10 @@ ROOF, 3, 3, 5.
             "includes 'decks/no.inp', which does not",
         ),
         ("*NODE", "*INCLUDE, INPUT=job.inp", "includes 'job.inp', in a circle"),
+        ("ROOF, 1, 2", "ROOF", ": *BOUNDARY has fewer than 2 entries"),
+        ("ROOF, 1, 2", "ROOF, 0", "has component 0, expected 1 to 6"),
+        ("1e4, 0.\n", "", "*ELASTIC has fewer than 2 entries"),
+        ("FOOT, FACE\n", "FOOT\n", "*CONTACT PAIR has fewer than 2 entries"),
     ],
 )
 def test_a_faulty_deck_is_refused(old: str, new: str, said: str, bipot: Any) -> None:
