@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::linalg::power_of_two::times_two_to;
 use crate::linalg::real::Real;
+use crate::linalg::sparse::csc::narrow;
 use crate::tasks;
 
 /// The place of an unknown that no node has, and of a component that no unknown has.
@@ -25,6 +26,8 @@ pub struct BlockMatrix {
     pub(super) column: Arc<Vec<u32>>,
     /// Each block by columns, then [`PADDING`].
     pub(super) values: Vec<f32>,
+    /// If only some rows have values: the number of blocks before each row that have none.
+    pub(super) missing: Vec<u32>,
     /// Unknowns whose row and column are those of the diagonal.
     pub(super) held: Vec<bool>,
     /// The matrix is `2^exponent` times the values: single precision has a small range.
@@ -47,7 +50,8 @@ impl BlockMatrix {
     /// Memory of the matrix.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        4 * (self.start.len() + self.column.len() + self.values.len()) + self.held.len()
+        4 * (self.start.len() + self.column.len() + self.values.len() + self.missing.len())
+            + self.held.len()
     }
 
     /// Unknowns that have no degree of freedom, or that were held later.
@@ -59,8 +63,39 @@ impl BlockMatrix {
     /// The diagonal block of a node, by columns, in units of `2^exponent`.
     #[must_use]
     pub fn diagonal_block(&self, node: usize) -> &[f32] {
-        let at = self.diagonal(node) * self.b * self.b;
+        let at = (self.diagonal(node) - self.skipped(node)) * self.b * self.b;
         &self.values[at..at + self.b * self.b]
+    }
+
+    /// How many blocks earlier the values of a row stand than its columns.
+    pub(super) fn skipped(&self, node: usize) -> usize {
+        self.missing.get(node).map_or(0, |&blocks| blocks as usize)
+    }
+
+    /// The same matrix with the values of some rows only.
+    pub(super) fn only(&self, rows: &[bool]) -> Self {
+        let size = self.b * self.b;
+        let (mut missing, mut values, mut sum) = (Vec::new(), Vec::new(), 0);
+        for (node, _) in rows.iter().enumerate() {
+            missing.push(sum);
+            let row = self.row(node);
+            if rows[node] {
+                values.extend_from_slice(&self.values[row.start * size..row.end * size]);
+            } else {
+                sum += narrow(row.len());
+            }
+        }
+        values.resize(values.len() + PADDING, 0.0);
+        values.shrink_to_fit();
+        Self {
+            b: self.b,
+            start: Arc::clone(&self.start),
+            column: Arc::clone(&self.column),
+            values,
+            missing,
+            held: Vec::new(),
+            exponent: self.exponent,
+        }
     }
 
     /// The blocks of a row.

@@ -1,10 +1,55 @@
 //! Products by rows of blocks, alone or fused with what follows them: a matrix is read from
 //! memory once for each step.
 
+use std::ops::Range;
+
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
 use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::real::Real as _;
 use crate::tasks;
+
+/// A matrix in blocks, in the form in which it is stored.
+pub(super) trait Blocks: Sync {
+    /// A number in memory; `scale` times it is the entry.
+    type Value: Copy + Into<f32> + Sync;
+
+    /// Unknowns of a node.
+    fn size(&self) -> usize;
+    fn row(&self, node: usize) -> Range<usize>;
+    fn column(&self) -> &[u32];
+    /// Each block by columns, then as many numbers as a register has.
+    fn values(&self) -> &[Self::Value];
+    /// The factor of a block.
+    fn scale(&self, at: usize) -> f32;
+}
+
+impl Blocks for BlockMatrix {
+    type Value = f32;
+
+    fn size(&self) -> usize {
+        self.b
+    }
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "part of inner loops")]
+    fn row(&self, node: usize) -> Range<usize> {
+        self.start[node] as usize..self.start[node + 1] as usize
+    }
+
+    fn column(&self) -> &[u32] {
+        &self.column
+    }
+
+    fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "part of inner loops")]
+    fn scale(&self, _: usize) -> f32 {
+        1.0
+    }
+}
 
 /// What becomes of the product `A x` in the rows of one task.
 trait Finish: Send {
@@ -12,29 +57,32 @@ trait Finish: Send {
     fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[f32]);
 }
 
-struct KernelRows<'a, F, const B: usize, const L: usize> {
-    matrix: &'a BlockMatrix,
+struct KernelRows<'a, A, F, const B: usize, const L: usize> {
+    matrix: &'a A,
+    nodes: Range<usize>,
     x: &'a [f32],
-    task: usize,
     then: F,
 }
 
-impl<F: Finish, const B: usize, const L: usize> WideWork for KernelRows<'_, F, B, L> {
+impl<A: Blocks, F: Finish, const B: usize, const L: usize> WideWork for KernelRows<'_, A, F, B, L> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(mut self) {
         let matrix = self.matrix;
-        for i in self.task * ROWS..matrix.nodes().min((self.task + 1) * ROWS) {
+        for (k, i) in self.nodes.enumerate() {
             let row = matrix.row(i);
             // One sum for each column of a block, in registers; lanes after B are not used.
             let mut sums = [[0.0_f32; L]; B];
-            let mut values = &matrix.values[row.start * B * B..];
-            for &j in &matrix.column[row] {
+            let mut values = &matrix.values()[row.start * B * B..];
+            for (&j, at) in matrix.column()[row.clone()].iter().zip(row) {
                 let block = &values[..B * B + L - B];
                 let x = &self.x[j as usize * B..][..B];
+                let scale = matrix.scale(at);
                 for c in 0..B {
+                    let x = x[c] * scale;
                     for l in 0..L {
-                        sums[c][l] = block[c * B + l].times_plus::<FMA>(x[c], sums[c][l]);
+                        let value: f32 = block[c * B + l].into();
+                        sums[c][l] = value.times_plus::<FMA>(x, sums[c][l]);
                     }
                 }
                 values = &values[B * B..];
@@ -45,31 +93,30 @@ impl<F: Finish, const B: usize, const L: usize> WideWork for KernelRows<'_, F, B
                     sum[l] += other[l];
                 }
             }
-            let k = i - self.task * ROWS;
             self.then.finish::<FMA>(i, k, &sum[..B]);
         }
     }
 }
 
 /// Calls the kernel of the size of the blocks.
-fn run(matrix: &BlockMatrix, x: &[f32], task: usize, then: impl Finish) {
-    match matrix.b {
-        2 => widest(KernelRows::<_, 2, 4> {
+fn run<A: Blocks>(matrix: &A, x: &[f32], nodes: Range<usize>, then: impl Finish) {
+    match matrix.size() {
+        2 => widest(KernelRows::<_, _, 2, 4> {
             matrix,
+            nodes,
             x,
-            task,
             then,
         }),
-        3 => widest(KernelRows::<_, 3, 4> {
+        3 => widest(KernelRows::<_, _, 3, 4> {
             matrix,
+            nodes,
             x,
-            task,
             then,
         }),
-        6 => widest(KernelRows::<_, 6, 8> {
+        6 => widest(KernelRows::<_, _, 6, 8> {
             matrix,
+            nodes,
             x,
-            task,
             then,
         }),
         _ => unreachable!("blocks of 2, 3 or 6"),
@@ -97,7 +144,8 @@ impl BlockMatrix {
         assert_eq!(x.len(), self.b * self.nodes());
         assert_eq!(y.len(), x.len());
         tasks::for_each(y.chunks_mut(ROWS * self.b), |task, y| {
-            run(self, x, task, Store { y });
+            let rows = task * ROWS..task * ROWS + y.len() / self.b;
+            run(self, x, rows, Store { y });
         });
     }
 }
@@ -120,11 +168,12 @@ impl Finish for Subtract<'_> {
 }
 
 /// `y = b − A x`.
-pub(super) fn residual(matrix: &BlockMatrix, x: &[f32], b: &[f32], y: &mut [f32]) {
-    let size = ROWS * matrix.b;
+pub(super) fn residual(matrix: &impl Blocks, x: &[f32], b: &[f32], y: &mut [f32]) {
+    let size = ROWS * matrix.size();
     let parts = y.chunks_mut(size).zip(b.chunks(size));
     tasks::for_each(parts, |task, (y, b)| {
-        run(matrix, x, task, Subtract { b, y });
+        let rows = task * ROWS..task * ROWS + y.len() / matrix.size();
+        run(matrix, x, rows, Subtract { b, y });
     });
 }
 
@@ -169,7 +218,7 @@ impl Finish for SmootherStep<'_> {
 
 /// `d ← c₁ d + c₂ D⁻¹ (b − A x)`, `y = x + c₃ d`.
 pub(super) fn step(
-    matrix: &BlockMatrix,
+    matrix: &impl Blocks,
     inverse: &[f32],
     x: &[f32],
     b: &[f32],
@@ -177,10 +226,11 @@ pub(super) fn step(
     y: &mut [f32],
     with: StepCoefficients,
 ) {
-    let size = ROWS * matrix.b;
+    let size = ROWS * matrix.size();
     let changed = y.chunks_mut(size).zip(d.chunks_mut(size));
-    let read = b.chunks(size).zip(inverse.chunks(size * matrix.b));
+    let read = b.chunks(size).zip(inverse.chunks(size * matrix.size()));
     tasks::for_each(changed.zip(read), |task, ((y, d), (b, inverse))| {
+        let rows = task * ROWS..task * ROWS + y.len() / matrix.size();
         let then = SmootherStep {
             inverse,
             b,
@@ -189,7 +239,7 @@ pub(super) fn step(
             y,
             with,
         };
-        run(matrix, x, task, then);
+        run(matrix, x, rows, then);
     });
 }
 

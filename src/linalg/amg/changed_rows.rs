@@ -87,8 +87,7 @@ impl SymmetricBlocks {
         let most = self.largest().max(largest(&changed.values));
         let shift = if most.is_finite() { exponent(most) } else { 0 };
         let block_of = |at: u32, mirrored: bool| {
-            let values = &changed.values[at as usize * size..][..size];
-            StoredBlock { values, mirrored }
+            StoredBlock::new(&changed.values[at as usize * size..][..size], b, mirrored)
         };
         let parts = tasks::map(0..nodes.div_ceil(ROWS), |_, task| {
             let (mut counts, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
@@ -110,8 +109,9 @@ impl SymmetricBlocks {
                 counts.push(narrow(row.len()));
                 for &(j, block) in &row {
                     columns.push(j);
-                    let entries = (0..size).map(|at| times_two_to(block.entry(at, b), -shift));
-                    values.extend(entries.map(f32::rounded));
+                    block.for_each(b, |_, _, value| {
+                        values.push(f32::rounded(times_two_to(value, -shift)));
+                    });
                 }
             }
             (counts, columns, values)
@@ -138,6 +138,7 @@ impl SymmetricBlocks {
             start: Arc::new(start),
             column: Arc::new(column),
             values,
+            missing: Vec::new(),
             held: known,
             exponent: shift,
         };

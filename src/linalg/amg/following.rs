@@ -18,7 +18,7 @@ use crate::linalg::amg::level::Level;
 use crate::linalg::amg::multigrid::{Multigrid, check_lengths};
 use crate::linalg::amg::node_rows::NodeRows;
 use crate::linalg::amg::nodes::LevelNodes;
-use crate::linalg::amg::prolongation::Smoothed;
+use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
 use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::amg::tuning;
@@ -51,8 +51,10 @@ enum Finest {
 struct Kept {
     aggregates: Aggregates,
     tentative: Tentative,
-    /// The next matrix, with zeros for unknowns without a motion, while no level has it.
-    coarse: Option<BlockMatrix>,
+    /// The next matrix, with zeros for unknowns without a motion.
+    coarse: BlockMatrix,
+    /// The rows of the matrix that a change needs, in single precision.
+    near: BlockMatrix,
 }
 
 impl Following {
@@ -88,12 +90,15 @@ impl Following {
                 aggregates,
                 tentative,
                 coarse,
-            } = level(matrix, &about, &held, settings.spectrum, stop)?;
+            } = level(&matrix, &about, &held, settings.spectrum, stop)?;
+            let reached = reach(&rows.nodes, &aggregates, &matrix, &level.p);
+            let near = matrix.only(&reached.needed(&level.p));
             multigrid.replace(vec![level], Coarsest::none());
             Finest::Large(Box::new(Kept {
                 aggregates,
                 tentative,
-                coarse: Some(coarse),
+                coarse,
+                near,
             }))
         };
         Ok(Self {
@@ -152,38 +157,24 @@ impl Following {
         match &mut self.finest {
             Finest::Small(matrix) => {
                 write(matrix);
-                let made = Levels::new(matrix.clone(), self.about.clone(), stop)?;
+                let made = Levels::new(matrix, self.about.clone(), stop)?;
                 self.multigrid.replace(made.list, made.coarsest);
             }
             Finest::Large(kept) => {
                 let mut levels = std::mem::take(&mut self.multigrid.levels);
-                let mut below = levels.drain(1..);
-                let mut coarse = match (kept.coarse.take(), below.next()) {
-                    (Some(coarse), _) => coarse,
-                    (None, Some(level)) => {
-                        let mut coarse = level.matrix;
-                        coarse.clear_dead(&kept.tentative.dead);
-                        coarse
-                    }
-                    (None, None) => return Err(failure("the second level is missing")),
-                };
-                drop(below);
+                levels.truncate(1);
                 let finest = levels
                     .first_mut()
                     .ok_or(failure("the finest level is missing"))?;
-                write(&mut finest.matrix);
+                write(&mut kept.near);
                 let nodes: Vec<u32> = changed.iter().map(|&k| self.rows.nodes[k]).collect();
-                let reached = (&mut *finest, &mut coarse);
-                kept.follow(reached, &nodes, &self.about, &self.held, stop)?;
-                if coarse.b * coarse.nodes() <= tuning::dense_unknowns() {
-                    // A dense factor takes its place.
-                    kept.coarse = Some(coarse.clone());
-                }
-                coarse.replace_dead(&kept.tentative.dead);
+                kept.follow(finest, &nodes, &self.about, &self.held, stop)?;
+                kept.coarse.replace_dead(&kept.tentative.dead);
                 let next = kept
                     .aggregates
                     .coarse(&self.about, kept.tentative.coarse.clone());
-                let below = Levels::new(coarse, next, stop)?;
+                let below = Levels::new(&kept.coarse, next, stop)?;
+                kept.coarse.clear_dead(&kept.tentative.dead);
                 levels.extend(below.list);
                 self.multigrid.replace(levels, below.coarsest);
             }
@@ -208,8 +199,8 @@ impl Following {
         let finest = match &self.finest {
             Finest::Small(matrix) => matrix.bytes(),
             Finest::Large(kept) => {
-                let coarse = kept.coarse.as_ref().map_or(0, BlockMatrix::bytes);
-                coarse + kept.tentative.bytes() + kept.aggregates.bytes()
+                let matrices = kept.coarse.bytes() + kept.near.bytes();
+                matrices + kept.tentative.bytes() + kept.aggregates.bytes()
             }
         };
         self.multigrid.bytes() + self.rows.bytes() + 8 * self.springs.len() + about + finest
@@ -220,61 +211,110 @@ impl Kept {
     /// Computes anew what depends on the rows of `nodes`, which the matrix has already.
     fn follow(
         &mut self,
-        (finest, next): (&mut Level, &mut BlockMatrix),
+        finest: &mut Level,
         nodes: &[u32],
         about: &LevelNodes,
         held: &[bool],
         stop: &AtomicBool,
     ) -> Result<(), Error> {
-        let (b, count) = (finest.matrix.b, finest.matrix.nodes());
+        let (b, near) = (self.near.b, &self.near);
         for &i in nodes {
             let own = i as usize * b * b;
             let inverse = &mut finest.inverse[own..own + b * b];
-            if !invert_node(&finest.matrix, i as usize, inverse) {
+            if !invert_node(near, i as usize, inverse) {
                 return Err(failure("a diagonal entry is not positive, or not finite"));
             }
         }
-        let mut which: Vec<u32> = nodes
-            .iter()
-            .map(|&i| self.aggregates.of_node[i as usize])
-            .filter(|&g| g != ABSENT)
-            .collect();
-        which.sort_unstable();
-        which.dedup();
-        self.tentative
-            .update(&which, &self.aggregates, &about.motions, held, b);
+        let reached = reach(nodes, &self.aggregates, near, &finest.p);
+        self.tentative.update(
+            &reached.aggregates,
+            &self.aggregates,
+            &about.motions,
+            held,
+            b,
+        );
         running(stop)?;
-        // Rows of P: of nodes beside a changed row of T or of A.
-        let mut reached = Reached::new(count);
-        for &i in nodes {
-            reached.add(i);
-        }
-        for &g in &which {
-            for &i in self.aggregates.members_of(g as usize) {
-                reached.add(i);
-            }
-        }
-        reached.spread(&finest.matrix);
         let of = Smoothed {
-            matrix: &finest.matrix,
+            matrix: near,
             inverse: &finest.inverse,
             aggregates: &self.aggregates,
             tentative: &self.tentative,
             about,
             omega: omega(finest.spectrum),
         };
-        finest.p.smooth(&of, Some(&reached.is));
+        finest.p.smooth(&of, Some(&reached.rows));
         running(stop)?;
-        // Rows of A P: of nodes beside these.
-        reached.spread(&finest.matrix);
-        let mut coarse = vec![false; self.aggregates.count()];
-        for &i in &reached.list {
-            for &g in &finest.p.column[finest.p.row(i as usize)] {
-                coarse[g as usize] = true;
+        galerkin::update(&mut self.coarse, near, &finest.p, &reached.coarse);
+        for &i in &reached.changed {
+            finest.matrix.copy_row(i as usize, near);
+        }
+        running(stop)
+    }
+}
+
+/// What the rows of some nodes determine.
+struct Reach {
+    /// These nodes and their neighbours: rows that a change of a row and its mirror image changes.
+    changed: Vec<u32>,
+    /// Aggregates whose motions change, ascending.
+    aggregates: Vec<u32>,
+    /// Rows of `P` that change: of nodes beside a changed row of `T` or of `A`.
+    rows: Vec<bool>,
+    /// Coarse nodes whose rows change: those of the rows of `A P` of nodes beside these.
+    coarse: Vec<bool>,
+}
+
+fn reach(nodes: &[u32], aggregates: &Aggregates, matrix: &BlockMatrix, p: &Prolongation) -> Reach {
+    let mut which: Vec<u32> = nodes
+        .iter()
+        .map(|&i| aggregates.of_node[i as usize])
+        .filter(|&g| g != ABSENT)
+        .collect();
+    which.sort_unstable();
+    which.dedup();
+    let mut reached = Reached::new(matrix.nodes());
+    for &i in nodes {
+        reached.add(i);
+    }
+    reached.spread(matrix);
+    let changed = reached.list.clone();
+    let mut reached = Reached::new(matrix.nodes());
+    let members = which
+        .iter()
+        .flat_map(|&g| aggregates.members_of(g as usize));
+    for &i in nodes.iter().chain(members) {
+        reached.add(i);
+    }
+    reached.spread(matrix);
+    let rows = reached.is.clone();
+    reached.spread(matrix);
+    let mut coarse = vec![false; aggregates.count()];
+    for &i in &reached.list {
+        for &g in &p.column[p.row(i as usize)] {
+            coarse[g as usize] = true;
+        }
+    }
+    Reach {
+        changed,
+        aggregates: which,
+        rows,
+        coarse,
+    }
+}
+
+impl Reach {
+    /// The rows of the matrix that the new coarse rows are made of.
+    fn needed(&self, p: &Prolongation) -> Vec<bool> {
+        let mut needed = self.rows.clone();
+        for &i in &self.changed {
+            needed[i as usize] = true;
+        }
+        for g in (0..self.coarse.len()).filter(|&g| self.coarse[g]) {
+            for &[i, _] in p.coarse_row(g) {
+                needed[i as usize] = true;
             }
         }
-        galerkin::update(next, &finest.matrix, &finest.p, &coarse);
-        running(stop)
+        needed
     }
 }
 

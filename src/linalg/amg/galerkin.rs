@@ -171,8 +171,9 @@ impl<const B: usize, const M: usize, const L: usize> WideWork for SizedProductRo
                 continue;
             }
             sums.clear();
+            let skipped = matrix.skipped(i);
             for at in matrix.row(i) {
-                let a = &matrix.values[at * B * B..][..B * B];
+                let a = &matrix.values[(at - skipped) * B * B..][..B * B];
                 for q in p.row(matrix.column[at] as usize) {
                     let (slot, new) = slots.slot(p.column[q]);
                     if new {
@@ -384,6 +385,7 @@ fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix {
         start: Arc::new(start),
         column: Arc::new(column),
         values,
+        missing: Vec::new(),
         held: vec![false; nodes * m],
         exponent,
     }

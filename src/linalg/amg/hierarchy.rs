@@ -1,5 +1,6 @@
 //! Set-up of the levels.
 
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
@@ -11,6 +12,7 @@ use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
+use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::spectrum::bound;
 use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::amg::tuning;
@@ -52,23 +54,23 @@ pub(super) struct Made {
 /// [`Error::Multigrid`] if a diagonal is not positive, a number leaves the range, or the nodes
 /// are not coupled; [`Error::Interrupted`] if `stop` is set.
 pub(super) fn level(
-    matrix: BlockMatrix,
+    matrix: &BlockMatrix,
     about: &LevelNodes,
     held: &[bool],
     spectrum: Option<f64>,
     stop: &AtomicBool,
 ) -> Result<Made, Error> {
     running(stop)?;
-    let inverse = inverse_diagonal(&matrix)
+    let inverse = inverse_diagonal(matrix)
         .ok_or(failure("a diagonal entry is not positive, or not finite"))?;
     let spectrum = spectrum
-        .or_else(|| bound(&matrix, &inverse))
+        .or_else(|| bound(matrix, &inverse))
         .filter(|bound| *bound > 0.0 && bound.is_finite())
         .ok_or(failure(
             "the spectrum of a level is not positive and finite",
         ))?;
     running(stop)?;
-    let aggregates = Aggregates::new(&matrix, about);
+    let aggregates = Aggregates::new(matrix, about);
     let unknowns = matrix.b * matrix.nodes();
     let m = about.motions.len() / unknowns;
     if aggregates.count() * m * 3 > unknowns * 2 {
@@ -79,7 +81,7 @@ pub(super) fn level(
     let tentative = Tentative::new(&aggregates, &about.motions, held, matrix.b, m);
     running(stop)?;
     let of = Smoothed {
-        matrix: &matrix,
+        matrix,
         inverse: &inverse,
         aggregates: &aggregates,
         tentative: &tentative,
@@ -88,9 +90,9 @@ pub(super) fn level(
     };
     let p = Prolongation::new(&of, m);
     running(stop)?;
-    let coarse = galerkin(&matrix, &p);
+    let coarse = galerkin(matrix, &p);
     Ok(Made {
-        level: Level::new(matrix, inverse, spectrum, p),
+        level: Level::new(ScaledBlocks::new(matrix), inverse, spectrum, p),
         aggregates,
         tentative,
         coarse,
@@ -110,16 +112,17 @@ impl Levels {
     /// As [`level`]; [`Error::Multigrid`] also if the levels do not become coarser, or the
     /// coarsest is not positive definite.
     pub(super) fn new(
-        mut matrix: BlockMatrix,
+        finest: &BlockMatrix,
         mut about: LevelNodes,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let mut list = Vec::new();
+        let mut matrix = Cow::Borrowed(finest);
         while matrix.b * matrix.nodes() > tuning::dense_unknowns() && list.len() < MOST_LEVELS {
             let held = vec![false; matrix.b * matrix.nodes()];
-            let made = level(matrix, &about, &held, None, stop)?;
-            matrix = made.coarse;
-            matrix.replace_dead(&made.tentative.dead);
+            let made = level(&matrix, &about, &held, None, stop)?;
+            matrix = Cow::Owned(made.coarse);
+            matrix.to_mut().replace_dead(&made.tentative.dead);
             about = made.aggregates.coarse(&about, made.tentative.coarse);
             list.push(made.level);
         }

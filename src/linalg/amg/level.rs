@@ -1,14 +1,14 @@
 //! One level with its smoother and its work vectors.
 
-use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::block_rows::{StepCoefficients, first_step, residual, step};
 use crate::linalg::amg::prolongation::Prolongation;
+use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::real::Real;
 
 /// A matrix, and the way to the next level.
 #[derive(Clone, Debug)]
 pub(super) struct Level {
-    pub(super) matrix: BlockMatrix,
+    pub(super) matrix: ScaledBlocks,
     pub(super) inverse: Vec<f32>,
     /// Bound of the eigenvalues of `D⁻¹ A`.
     pub(super) spectrum: f64,
@@ -40,7 +40,7 @@ const BETA: [&[f64]; 4] = [
 
 impl Level {
     pub(super) fn new(
-        matrix: BlockMatrix,
+        matrix: ScaledBlocks,
         inverse: Vec<f32>,
         spectrum: f64,
         p: Prolongation,

@@ -14,7 +14,8 @@
 //! [`Following`](following::Following) changes with the statuses of contacts: it computes anew
 //! only what depends on the nodes of contacts that changed.
 //!
-//! The hierarchy is in single precision: it only preconditions, and takes half the memory.
+//! The hierarchy is computed in single precision, and its matrices are stored in sixteen bits a
+//! number ([`scaled_blocks`]): it only preconditions.
 
 mod aggregates;
 pub mod block_matrix;
@@ -32,6 +33,7 @@ pub mod multigrid;
 mod node_rows;
 pub mod nodes;
 mod prolongation;
+mod scaled_blocks;
 pub mod settings;
 mod slots;
 pub mod soft_motions;

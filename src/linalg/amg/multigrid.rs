@@ -62,14 +62,15 @@ impl Multigrid {
         let exponent = matrix.exponent;
         let all: Vec<bool> = held.iter().zip(&matrix.held).map(|(a, b)| a | b).collect();
         let made = if n <= tuning::dense_unknowns() {
-            Levels::new(matrix, about, stop)?
+            Levels::new(&matrix, about, stop)?
         } else {
-            let made = level(matrix, &about, &all, settings.spectrum, stop)?;
+            let made = level(&matrix, &about, &all, settings.spectrum, stop)?;
+            drop(matrix);
             let mut coarse = made.coarse;
             coarse.replace_dead(&made.tentative.dead);
             let next = made.aggregates.coarse(&about, made.tentative.coarse);
             drop(about);
-            let mut below = Levels::new(coarse, next, stop)?;
+            let mut below = Levels::new(&coarse, next, stop)?;
             below.list.insert(0, made.level);
             below
         };

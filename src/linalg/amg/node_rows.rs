@@ -61,9 +61,10 @@ impl NodeRows {
     pub(super) fn write(&self, k: usize, matrix: &mut BlockMatrix, held: &[bool], spring: &[f64]) {
         let (b, size) = (matrix.b, matrix.b * matrix.b);
         let i = self.nodes[k] as usize;
+        let skipped = matrix.skipped(i);
         for (n, at) in (self.start[k]..self.start[k + 1]).zip(matrix.row(i)) {
             let j = matrix.column[at] as usize;
-            let mirror = self.mirror[n] as usize;
+            let (at, mirror) = (at - skipped, self.mirror[n] as usize - matrix.skipped(j));
             for (entry, &base) in self.values[n * size..(n + 1) * size].iter().enumerate() {
                 let (c, r) = (entry / b, entry % b);
                 let mut value = base;

@@ -206,6 +206,7 @@ impl<const B: usize> WideWork for SizedProlongationRows<'_, B> {
             }
             sums.clear();
             // A T, a row of blocks.
+            let skipped = matrix.skipped(i);
             for at in matrix.row(i) {
                 let j = matrix.column[at] as usize;
                 let weak = j != i && !of.aggregates.coupled[at];
@@ -217,7 +218,7 @@ impl<const B: usize> WideWork for SizedProlongationRows<'_, B> {
                 if new {
                     sums.push([[0.0; LANES]; B]);
                 }
-                let block = &matrix.values[at * B * B..][..B * B];
+                let block = &matrix.values[(at - skipped) * B * B..][..B * B];
                 let rows = if weak {
                     &tentative.extended(aggregate, j, &of.about.motions)
                 } else {

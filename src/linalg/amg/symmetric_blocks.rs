@@ -1,6 +1,11 @@
 //! A symmetric sparse matrix in square blocks, in double precision. Only one half is stored: a
 //! block left of the diagonal is the mirror image of one that another row has.
+//!
+//! A product reads each block once and adds to two rows. Rows are cut into parts at places that
+//! depend on the pattern alone; what a part adds to rows of later parts stands apart and is added
+//! in the order of the parts, so that the bits are the same for any number of threads.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
@@ -14,6 +19,14 @@ use crate::linalg::sparse::csc::{Index, Symmetric, narrow};
 use crate::linalg::union::Union;
 use crate::tasks;
 
+/// Most parts of a product, and fewest rows of a part: more serve no processor that is common.
+const PARTS: usize = 32;
+const LEAST_ROWS: usize = 512;
+
+/// Parts that stay even if the numbering of the nodes is so irregular that each adds to most of
+/// the other rows. Their vectors are then small beside the matrix.
+const FEW: usize = 4;
+
 /// Symmetric sparse matrix in `b × b` blocks, `b` = 2 or 3. Each row has its diagonal block.
 #[derive(Clone, Debug)]
 pub struct SymmetricBlocks {
@@ -26,26 +39,52 @@ pub struct SymmetricBlocks {
     upper: Vec<u32>,
     /// Each block by columns, those of a row from the diagonal on, then [`PADDING`].
     values: Vec<f64>,
-    /// The place in `values` of the mirror image of each block left of the diagonal.
-    mirror: Vec<u32>,
     held: Vec<bool>,
+    parts: Vec<Part>,
+    /// For each stored block, the row of its mirror image: counted from the first of its part,
+    /// then the numbers of the rows outside.
+    target: Vec<u32>,
 }
 
-/// A stored block, by columns, and whether its mirror image is meant.
+/// Rows of a product that one task computes.
+#[derive(Clone, Debug)]
+struct Part {
+    rows: Range<usize>,
+    /// Rows of later parts to which it adds, ascending.
+    outside: Vec<u32>,
+}
+
+/// A stored block, or the mirror image of one.
 #[derive(Clone, Copy)]
 pub(super) struct StoredBlock<'a> {
-    pub(super) values: &'a [f64],
-    pub(super) mirrored: bool,
+    values: &'a [f64],
+    /// Steps in `values` from row to row, and from column to column.
+    strides: [usize; 2],
 }
 
-impl StoredBlock<'_> {
-    /// Entry `at` by columns, of a `b × b` block.
-    pub(super) fn entry(self, at: usize, b: usize) -> f64 {
-        self.values[if self.mirrored {
-            at % b * b + at / b
-        } else {
-            at
-        }]
+impl<'a> StoredBlock<'a> {
+    /// A `b × b` block by columns, or its mirror image.
+    pub(super) fn new(values: &'a [f64], b: usize, mirrored: bool) -> Self {
+        let strides = if mirrored { [b, 1] } else { [1, b] };
+        Self { values, strides }
+    }
+
+    /// The entry of a row and a column.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "part of inner loops")]
+    pub(super) fn entry(self, row: usize, column: usize) -> f64 {
+        self.values[row * self.strides[0] + column * self.strides[1]]
+    }
+
+    /// Calls `visit` with the row, the column and the value of each entry, by columns.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "part of inner loops")]
+    pub(super) fn for_each(self, b: usize, mut visit: impl FnMut(usize, usize, f64)) {
+        for column in 0..b {
+            for row in 0..b {
+                visit(row, column, self.entry(row, column));
+            }
+        }
     }
 }
 
@@ -70,14 +109,16 @@ impl SymmetricBlocks {
         }
         let (upper, of_upper) = pattern(k, place, &dof, b);
         let values = blocks(k, place, &dof, b, (&upper, &of_upper));
-        let (start, column, mirror) = both_halves(&upper, &of_upper);
+        let (start, column) = both_halves(&upper, &of_upper);
+        let (parts, target) = choose_parts(&upper, &of_upper);
         let mut matrix = Self {
             b,
             start: Arc::new(start),
             column: Arc::new(column),
             upper,
             values,
-            mirror,
+            parts,
+            target,
             held: dof.iter().map(|&dof| dof == ABSENT).collect(),
         };
         matrix.fill_absent(k);
@@ -127,7 +168,9 @@ impl SymmetricBlocks {
     /// Memory of the matrix.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let places = self.start.len() + self.column.len() + self.upper.len() + self.mirror.len();
+        let outside = self.parts.iter().map(|part| part.outside.len());
+        let places = self.start.len() + self.column.len() + self.upper.len() + self.target.len();
+        let places = places + outside.sum::<usize>();
         4 * places + 8 * self.values.len() + self.held.len()
     }
 
@@ -148,26 +191,27 @@ impl SymmetricBlocks {
         &self.values[at as usize * size..][..size]
     }
 
-    /// Columns of the blocks left of the diagonal with the places of their mirror images, and
-    /// columns of the others.
-    fn sides(&self, node: usize) -> (&[u32], &[u32], &[u32]) {
+    /// Columns of the blocks left of the diagonal, and of the others.
+    fn sides(&self, node: usize) -> (&[u32], &[u32]) {
         let row = self.start[node] as usize..self.start[node + 1] as usize;
         let stored = (self.upper[node + 1] - self.upper[node]) as usize;
-        let (left, right) = self.column[row.clone()].split_at(row.len() - stored);
-        let first = row.start - self.upper[node] as usize;
-        (left, &self.mirror[first..first + left.len()], right)
+        self.column[row.clone()].split_at(row.len() - stored)
     }
 
     /// The blocks of a row: the node of each column, ascending, and the block.
     pub(super) fn row(&self, node: usize) -> impl Iterator<Item = (u32, StoredBlock<'_>)> {
-        let (left, mirror, right) = self.sides(node);
-        let left = left.iter().zip(mirror).map(|(&j, &at)| (j, at, true));
+        let (left, right) = self.sides(node);
+        let left = left.iter().map(move |&j| {
+            let before = self
+                .sides(j as usize)
+                .1
+                .partition_point(|&k| (k as usize) < node);
+            (j, self.upper[j as usize] + narrow(before), true)
+        });
         let places = self.upper[node]..self.upper[node + 1];
         let right = right.iter().zip(places).map(|(&j, at)| (j, at, false));
-        left.chain(right).map(|(j, at, mirrored)| {
-            let values = self.stored(at);
-            (j, StoredBlock { values, mirrored })
-        })
+        left.chain(right)
+            .map(|(j, at, mirrored)| (j, StoredBlock::new(self.stored(at), self.b, mirrored)))
     }
 
     /// Calls `visit` with the blocks of a row: the node of each column, ascending, and the block
@@ -175,11 +219,10 @@ impl SymmetricBlocks {
     pub fn for_each_block(&self, node: usize, mut visit: impl FnMut(usize, &[f64])) {
         let mut block = [0.0; 9];
         for (j, stored) in self.row(node) {
-            let block = &mut block[..self.b * self.b];
-            for (at, value) in block.iter_mut().enumerate() {
-                *value = stored.entry(at, self.b);
-            }
-            visit(j as usize, block);
+            stored.for_each(self.b, |row, column, value| {
+                block[column * self.b + row] = value;
+            });
+            visit(j as usize, &block[..self.b * self.b]);
         }
     }
 
@@ -189,8 +232,8 @@ impl SymmetricBlocks {
     pub fn connected(&self) -> Vec<u32> {
         let mut sets = Union::new(self.nodes());
         for i in 0..self.nodes() {
-            for (j, block) in self.row(i).filter(|(_, block)| !block.mirrored) {
-                if block.values.iter().any(|&value| value != 0.0) {
+            for (&j, at) in self.sides(i).1.iter().zip(self.upper[i]..) {
+                if self.stored(at).iter().any(|&value| value != 0.0) {
                     sets.join(i, j as usize);
                 }
             }
@@ -219,9 +262,9 @@ impl SymmetricBlocks {
             let rows = task * ROWS..self.nodes().min((task + 1) * ROWS);
             let blocks = rows.flat_map(|i| self.row(i));
             for (to, (_, block)) in part.chunks_exact_mut(size).zip(blocks) {
-                for (at, to) in to.iter_mut().enumerate() {
-                    *to = f32::rounded(block.entry(at, self.b) * factor);
-                }
+                block.for_each(self.b, |row, column, value| {
+                    to[column * self.b + row] = f32::rounded(value * factor);
+                });
             }
         });
         BlockMatrix {
@@ -229,6 +272,7 @@ impl SymmetricBlocks {
             start: Arc::clone(&self.start),
             column: Arc::clone(&self.column),
             values,
+            missing: Vec::new(),
             held: self.held.clone(),
             exponent,
         }
@@ -239,20 +283,46 @@ impl SymmetricBlocks {
     /// # Panics
     /// If `x` or `y` has not this length.
     pub fn product(&self, x: &[f64], y: &mut [f64]) {
-        assert_eq!(x.len(), self.b * self.nodes());
+        let b = self.b;
+        assert_eq!(x.len(), b * self.nodes());
         assert_eq!(y.len(), x.len());
-        tasks::for_each(y.chunks_mut(ROWS * self.b), |task, y| {
-            let rows = ProductRows {
+        let mut outside: Vec<Vec<f64>> = Vec::new();
+        outside.extend(self.parts.iter().map(|part| zeros(b * part.outside.len())));
+        tasks::for_each(self.cut(y).zip(&mut outside), |k, (y, outside)| {
+            let part = ProductPart {
                 matrix: self,
+                rows: self.parts[k].rows.clone(),
                 x,
-                first: task * ROWS,
                 y,
+                outside,
             };
-            match self.b {
-                2 => widest(Sized::<2, 4>(rows)),
-                _ => widest(Sized::<3, 4>(rows)),
+            match b {
+                2 => widest(Sized::<2>(part)),
+                _ => widest(Sized::<3>(part)),
             }
         });
+        tasks::for_each(self.cut(y), |k, y| {
+            let rows = &self.parts[k].rows;
+            for (part, values) in self.parts[..k].iter().zip(&outside) {
+                let first = part.outside.partition_point(|&i| (i as usize) < rows.start);
+                let own = part.outside[first..]
+                    .iter()
+                    .zip(values[b * first..].chunks_exact(b));
+                for (&i, add) in own.take_while(|(i, _)| (**i as usize) < rows.end) {
+                    let to = &mut y[b * (i as usize - rows.start)..][..b];
+                    to.iter_mut().zip(add).for_each(|(to, add)| *to += add);
+                }
+            }
+        });
+    }
+
+    /// The rows of the parts of a product.
+    fn cut<'y>(&self, mut y: &'y mut [f64]) -> impl Iterator<Item = &'y mut [f64]> {
+        self.parts.iter().map(move |part| {
+            let (own, rest) = std::mem::take(&mut y).split_at_mut(self.b * part.rows.len());
+            y = rest;
+            own
+        })
     }
 
     /// `A x` with sums in twice the precision: the values, and the digits below their rounding.
@@ -271,9 +341,9 @@ impl SymmetricBlocks {
                 let mut sums = [Sum::default(); 3];
                 for (j, block) in self.row(task * ROWS + k) {
                     let x = &x[b * j as usize..][..b];
-                    for at in 0..b * b {
-                        sums[at % b].add_product(block.entry(at, b), x[at / b]);
-                    }
+                    block.for_each(b, |row, column, value| {
+                        sums[row].add_product(value, x[column]);
+                    });
                 }
                 for (sum, (high, low)) in sums.iter().zip(high.iter_mut().zip(low)) {
                     (*high, *low) = sum.parts();
@@ -296,67 +366,79 @@ impl SymmetricBlocks {
                 y.fill(0.0);
                 for (j, block) in self.row(task * ROWS + k) {
                     let x = &x[b * j as usize..][..b];
-                    for at in 0..b * b {
-                        y[at % b] += (block.entry(at, b) * x[at / b]).abs();
-                    }
+                    block.for_each(b, |row, column, value| {
+                        y[row] += (value * x[column]).abs();
+                    });
                 }
             }
         });
     }
 }
 
-/// The rows of one task of a product.
-struct ProductRows<'a> {
+/// What one task of a product computes.
+struct ProductPart<'a> {
     matrix: &'a SymmetricBlocks,
+    rows: Range<usize>,
     x: &'a [f64],
-    first: usize,
+    /// The rows of the part, and those outside.
     y: &'a mut [f64],
+    outside: &'a mut [f64],
 }
 
-/// Rows of `B × B` blocks, with `L` lanes for each column.
-struct Sized<'a, const B: usize, const L: usize>(ProductRows<'a>);
+/// A part of a matrix of `B × B` blocks.
+struct Sized<'a, const B: usize>(ProductPart<'a>);
 
-impl<const B: usize, const L: usize> WideWork for Sized<'_, B, L> {
+impl<const B: usize> WideWork for Sized<'_, B> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
-        let ProductRows {
+        let ProductPart {
             matrix,
+            rows,
             x,
-            first,
             y,
+            outside,
         } = self.0;
-        for (k, y) in y.chunks_exact_mut(B).enumerate() {
-            let (left, mirror, right) = matrix.sides(first + k);
-            // One sum for each column of a block, in registers; lanes after B are not used.
-            let mut sums = [[0.0_f64; L]; B];
-            for (&j, &at) in left.iter().zip(mirror) {
-                let block = &matrix.values[at as usize * B * B..][..B * B];
-                let x = &x[j as usize * B..][..B];
+        let (y, _) = y.as_chunks_mut::<B>();
+        let (outside, _) = outside.as_chunks_mut::<B>();
+        let (x, _) = x.as_chunks::<B>();
+        y.fill([0.0; B]);
+        for (k, i) in rows.enumerate() {
+            let stored = matrix.upper[i] as usize..matrix.upper[i + 1] as usize;
+            let columns = matrix.sides(i).1;
+            let blocks =
+                matrix.values[stored.start * B * B..stored.end * B * B].chunks_exact(B * B);
+            let of_column = columns.iter().zip(&matrix.target[stored]);
+            // One sum for each column of a block, in registers.
+            let mut sums = [[0.0_f64; B]; B];
+            let own = x[i];
+            for (n, ((&j, &target), block)) in of_column.zip(blocks).enumerate() {
+                let x = x[j as usize];
                 for c in 0..B {
                     for l in 0..B {
-                        sums[c][l] = block[l * B + c].times_plus::<FMA>(x[c], sums[c][l]);
-                    }
-                }
-            }
-            let mut values = &matrix.values[matrix.upper[first + k] as usize * B * B..];
-            for &j in right {
-                let block = &values[..B * B + L - B];
-                let x = &x[j as usize * B..][..B];
-                for c in 0..B {
-                    for l in 0..L {
                         sums[c][l] = block[c * B + l].times_plus::<FMA>(x[c], sums[c][l]);
                     }
                 }
-                values = &values[B * B..];
-            }
-            let mut sum = sums[0];
-            for other in &sums[1..] {
-                for l in 0..L {
-                    sum[l] += other[l];
+                if n == 0 {
+                    continue; // the diagonal block
+                }
+                let target = target as usize;
+                let to = if target < y.len() {
+                    &mut y[target]
+                } else {
+                    &mut outside[target - y.len()]
+                };
+                for c in 0..B {
+                    for l in 0..B {
+                        to[c] = block[c * B + l].times_plus::<FMA>(own[l], to[c]);
+                    }
                 }
             }
-            y.copy_from_slice(&sum[..B]);
+            for sum in &sums {
+                for l in 0..B {
+                    y[k][l] += sum[l];
+                }
+            }
         }
     }
 }
@@ -444,34 +526,74 @@ fn blocks<I: Index>(
     values
 }
 
-/// Starts and columns of whole rows, and the places of the mirror images of what is left of the
-/// diagonal.
-fn both_halves(upper: &[u32], of_upper: &[u32]) -> (Vec<u32>, Vec<u32>, Vec<u32>) {
+/// Starts and columns of whole rows.
+fn both_halves(upper: &[u32], of_upper: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let nodes = upper.len() - 1;
     let row = |i: usize| upper[i] as usize..upper[i + 1] as usize;
-    let mut left = vec![0; nodes + 1];
+    let mut start = vec![0; nodes + 1];
     for i in 0..nodes {
+        start[i + 1] += upper[i + 1] - upper[i];
         for &j in &of_upper[row(i)][1..] {
-            left[j as usize + 1] += 1;
+            start[j as usize + 1] += 1;
         }
     }
     for i in 0..nodes {
-        left[i + 1] += left[i];
+        start[i + 1] += start[i];
     }
-    let start: Vec<u32> = left.iter().zip(upper).map(|(left, up)| left + up).collect();
     let mut column = zeros(start[nodes] as usize);
-    let mut mirror = zeros(left[nodes] as usize);
-    // Number of blocks that a row has so far: rows come in the order of the columns.
-    let mut filled = vec![0; nodes];
+    // The next place of each row: rows come in the order of the columns.
+    let mut next = start[..nodes].to_vec();
     for i in 0..nodes {
-        let own = start[i] as usize + filled[i] as usize;
-        column[own..own + row(i).len()].copy_from_slice(&of_upper[row(i)]);
-        for at in row(i).skip(1) {
-            let j = of_upper[at] as usize;
-            column[(start[j] + filled[j]) as usize] = narrow(i);
-            mirror[(left[j] + filled[j]) as usize] = narrow(at);
-            filled[j] += 1;
+        let own = &of_upper[row(i)];
+        column[next[i] as usize..][..own.len()].copy_from_slice(own);
+        for &j in &own[1..] {
+            let place = &mut next[j as usize];
+            column[*place as usize] = narrow(i);
+            *place += 1;
         }
     }
-    (start, column, mirror)
+    (start, column)
+}
+
+/// Cuts the rows into at most [`PARTS`] parts, fewer if they would add to many rows outside.
+fn choose_parts(upper: &[u32], of_upper: &[u32]) -> (Vec<Part>, Vec<u32>) {
+    let nodes = upper.len() - 1;
+    let mut count = PARTS.min(nodes / LEAST_ROWS).max(1);
+    loop {
+        // The last part that each row was met in.
+        let mut met = vec![ABSENT; nodes];
+        let parts: Vec<Part> = (0..count)
+            .map(|k| {
+                let rows = nodes * k / count..nodes * (k + 1) / count;
+                let stored = upper[rows.start] as usize..upper[rows.end] as usize;
+                let mut outside = Vec::new();
+                for &j in &of_upper[stored] {
+                    let new = std::mem::replace(&mut met[j as usize], narrow(k)) != narrow(k);
+                    if new && j as usize >= rows.end {
+                        outside.push(j);
+                    }
+                }
+                outside.sort_unstable();
+                Part { rows, outside }
+            })
+            .collect();
+        let outside: usize = parts.iter().map(|part| part.outside.len()).sum();
+        if outside > nodes / 2 && count > FEW {
+            count /= 2;
+            continue;
+        }
+        let mut target = of_upper.to_vec();
+        for part in &parts {
+            let stored = upper[part.rows.start] as usize..upper[part.rows.end] as usize;
+            for j in &mut target[stored] {
+                *j = if (*j as usize) < part.rows.end {
+                    *j - narrow(part.rows.start)
+                } else {
+                    let number = part.outside.partition_point(|i| i < j);
+                    narrow(part.rows.len() + number)
+                };
+            }
+        }
+        return (parts, target);
+    }
 }

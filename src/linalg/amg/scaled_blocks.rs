@@ -1,0 +1,166 @@
+//! The matrix of a level for the smoother, in sixteen bits a number.
+//!
+//! The entries of a block are whole numbers times a power of two of its own. Their rounding is at
+//! most 2⁻¹⁵ of the largest of the block, where a float of sixteen bits with the range of single
+//! precision would have 2⁻⁹: the smoother sees rigid motions of a few nodes as stiff as the
+//! rounding is, and soft supports need these digits. Mirror images are rounded alike.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
+use crate::linalg::amg::block_rows::Blocks;
+use crate::linalg::pages::zeros;
+use crate::tasks;
+
+/// Bits of a number without its sign.
+const BITS: i32 = 15;
+
+/// Numbers of this size in single precision are whole.
+const WHOLE: f32 = 12_582_912.0;
+
+/// Bits of the significand of single precision, and the bias of its exponent.
+const SIGNIFICAND: u32 = 23;
+const BIAS: i32 = 127;
+
+#[derive(Clone, Debug)]
+pub(super) struct ScaledBlocks {
+    pub(super) b: usize,
+    start: Arc<Vec<u32>>,
+    column: Arc<Vec<u32>>,
+    /// Each block by columns, then [`PADDING`].
+    values: Vec<i16>,
+    /// A block is `2^exponent` times its values.
+    exponent: Vec<i8>,
+}
+
+impl ScaledBlocks {
+    pub(super) fn new(matrix: &BlockMatrix) -> Self {
+        let (b, nodes, size) = (matrix.b, matrix.nodes(), matrix.b * matrix.b);
+        let mut values = zeros(matrix.column.len() * size + PADDING);
+        let mut exponents = zeros(matrix.column.len());
+        let parts = cut(&mut values, nodes, |i| matrix.start[i] as usize * size);
+        let exponent_parts = cut(&mut exponents, nodes, |i| matrix.start[i] as usize);
+        tasks::for_each(
+            parts.into_iter().zip(exponent_parts),
+            |task, (to, exponents)| {
+                let first = matrix.start[task * ROWS] as usize * size;
+                let from = &matrix.values[first..first + to.len()];
+                let blocks = to.chunks_exact_mut(size).zip(from.chunks_exact(size));
+                for ((to, from), exponent) in blocks.zip(exponents) {
+                    *exponent = write(from, to);
+                }
+            },
+        );
+        Self {
+            b,
+            start: Arc::clone(&matrix.start),
+            column: Arc::clone(&matrix.column),
+            values,
+            exponent: exponents,
+        }
+    }
+
+    /// Takes the row of a node from `matrix`, which has it.
+    pub(super) fn copy_row(&mut self, node: usize, matrix: &BlockMatrix) {
+        let size = self.b * self.b;
+        let row = matrix.row(node);
+        let from = &matrix.values[(row.start - matrix.skipped(node)) * size..];
+        let to = &mut self.values[row.start * size..row.end * size];
+        let blocks = to.chunks_exact_mut(size).zip(from.chunks_exact(size));
+        for ((to, from), exponent) in blocks.zip(&mut self.exponent[row]) {
+            *exponent = write(from, to);
+        }
+    }
+
+    pub(super) fn nodes(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    /// Memory, but for the pattern, which K shares.
+    pub(super) fn bytes(&self) -> usize {
+        2 * self.values.len() + self.exponent.len()
+    }
+}
+
+impl Blocks for ScaledBlocks {
+    type Value = i16;
+
+    fn size(&self) -> usize {
+        self.b
+    }
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "part of inner loops")]
+    fn row(&self, node: usize) -> Range<usize> {
+        self.start[node] as usize..self.start[node + 1] as usize
+    }
+
+    fn column(&self) -> &[u32] {
+        &self.column
+    }
+
+    fn values(&self) -> &[i16] {
+        &self.values
+    }
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "part of inner loops")]
+    fn scale(&self, at: usize) -> f32 {
+        two_to(i32::from(self.exponent[at]))
+    }
+}
+
+/// `2^exponent`, of a normal number.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "part of inner loops")]
+fn two_to(exponent: i32) -> f32 {
+    f32::from_bits(((exponent + BIAS) << SIGNIFICAND).cast_unsigned())
+}
+
+/// Writes a block, and returns its exponent.
+fn write(from: &[f32], to: &mut [i16]) -> i8 {
+    let largest = from
+        .iter()
+        .fold(0.0_f32, |most, value| most.max(value.abs()));
+    let of_largest = (largest.to_bits() >> SIGNIFICAND).cast_signed() - BIAS;
+    // A block below the range becomes zero: the matrix is scaled to numbers about one.
+    let exponent = (of_largest + 1 - BITS).clamp(1 - BIAS, BIAS - 1);
+    let factor = two_to(-exponent);
+    for (to, from) in to.iter_mut().zip(from) {
+        // The sum has no digits for a fraction: it rounds. Half a unit above the largest number,
+        // the conversion takes this number.
+        #[expect(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
+        let value = (from * factor + WHOLE - WHOLE) as i16;
+        *to = value;
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "it is within the range")]
+    let exponent = exponent as i8;
+    exponent
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{two_to, write};
+
+    /// Half a unit of fifteen bits below the largest entry of the block, whatever its size.
+    #[test]
+    fn rounding_is_relative_to_the_largest_entry_of_a_block() {
+        for size in [1e-30_f32, 1e-4, 0.999_999_9, 1.0, 1.5, 3e4] {
+            let from: Vec<f32> = (0..9).map(|k| size * (k as f32 - 8.0) / 8.0).collect();
+            let mut to = [0; 9];
+            let scale = two_to(i32::from(write(&from, &mut to)));
+            for (&from, &to) in from.iter().zip(&to) {
+                let error = (f32::from(to) * scale - from).abs();
+                assert!(error <= size * 2.0_f32.powi(-15), "{from} {to}");
+            }
+        }
+    }
+
+    #[test]
+    fn blocks_below_the_range_are_zero() {
+        let mut to = [1; 4];
+        write(&[0.0, 1e-44, -1e-44, 0.0], &mut to);
+        assert_eq!(to, [0; 4]);
+    }
+}
