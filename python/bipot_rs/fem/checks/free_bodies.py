@@ -139,19 +139,22 @@ def list_motions(model: Assembly) -> tuple[Floats, Ints]:
     for b, body in enumerate(model.bodies):
         arm = body.points - body.points.mean(axis=0)
         motions = rigid_motions(arm, float(np.abs(arm).max()))
-        columns = np.zeros((model.n, motions.shape[2]))
-        columns[model.offset[b] :][: body.points.size] = motions.reshape(
-            body.points.size, -1
-        )
-        found.append(columns)
-        owner += [b] * motions.shape[2]
+        motions = motions.reshape(body.points.size, -1)
+        if body.points.size < model.n:
+            columns = np.zeros((model.n, motions.shape[1]))
+            columns[model.offset[b] :][: body.points.size] = motions
+            motions = columns
+        found.append(motions)
+        owner += [b] * motions.shape[1]
     for k, point in enumerate(model.references):
         dofs = np.concatenate([point.dofs, point.turns])
         columns = np.zeros((model.n, len(dofs)))
         columns[dofs, np.arange(len(dofs))] = 1.0
         found.append(columns)
         owner += [len(model.bodies) + k] * len(dofs)
-    return np.concatenate(found, axis=1), np.array(owner, dtype=np.int64)
+    # One body alone may have most of the memory: it is not copied.
+    modes = found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+    return modes, np.array(owner, dtype=np.int64)
 
 
 def _keep_bodies(free: Floats, of_bodies: Bools) -> Floats:
