@@ -398,7 +398,7 @@ class Model:
 
     @property
     def contacts(self) -> Mapping[str, Ints]:
-        """Assemble, and return the numbers of the contacts on each surface with contacts."""
+        """Assemble, and return the numbers of the contacts by name, or by surface without one."""
         return resultants.contacts_by_surface(self.assemble().model)
 
     def solve(

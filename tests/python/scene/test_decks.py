@@ -301,7 +301,7 @@ ROOF, 3, 3, 5.
 def test_a_faulty_deck_is_refused(old: str, new: str, said: str, bipot: Any) -> None:
     text = column() + MATERIALS.format(soft="1e4", hard=2e4) + SECTIONS + PAIR + HELD
     Path("job.inp").write_text(text.replace(old, new))
-    status, _, err = bipot("new", "scene", "--from", "job.inp")
+    status, _, err = bipot("new", "--from", "job.inp")
     assert status == 2
     assert said in err
-    assert not list(Path().glob("scene*"))
+    assert [path.name for path in Path().iterdir()] == ["job.inp"]

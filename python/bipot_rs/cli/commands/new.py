@@ -32,10 +32,10 @@ def add_arguments(parser: shared.Parser) -> None:
         "name",
         metavar="NAME",
         nargs="?",
-        default="scene",
-        help="Name of the new file; .toml is added. Default: scene.",
+        help="Name of the new file; .toml is added. Default: scene, or the name of the deck.",
     )
-    template = parser.add_argument(
+    source = parser.add_mutually_exclusive_group()
+    template = source.add_argument(
         "--template",
         default="block",
         metavar="KIND",
@@ -46,7 +46,7 @@ def add_arguments(parser: shared.Parser) -> None:
         return templates()
 
     shared.complete_by(template, complete_templates)
-    parser.add_argument(
+    source.add_argument(
         "--from",
         dest="deck",
         type=Path,
@@ -59,9 +59,9 @@ def add_arguments(parser: shared.Parser) -> None:
 def run(found: argparse.Namespace, _: Interrupts) -> int:
     """Write the files and print the next commands."""
     if found.deck is None:
-        path, *others = write(found.name, found.template)
+        path, *others = write(found.name or "scene", found.template)
     else:
-        path, *others = write_deck(found.name, found.deck)
+        path, *others = write_deck(found.name or found.deck.stem, found.deck)
     written = " and ".join(map(str, [path, *others]))
     tell(f"{written}: bipot check {path}, bipot run {path}", sys.stdout)
     return SOLVED
