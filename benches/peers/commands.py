@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs.files.export import read_result
+from bipot_rs.files.export import read_saved
 
 PEERS = Path(__file__).resolve().parent
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write")
@@ -127,7 +127,7 @@ class Bipot:
             if tol is not None:
                 command += ["--set", f"solver.tol={tol}"]
             process, (*steps, last) = lines_of(command, threads, limit)
-            contacts, records, _ = read_result(Path(folder) / "result.h5")
+            contacts, records, *_ = read_saved(Path(folder) / "result.h5")
         phases = {phase: last["seconds"][phase] for phase in PHASES}
         solving = [step["seconds"] for step in steps]
         # Loads and recovery, which the solver does not count, are shared by the steps.

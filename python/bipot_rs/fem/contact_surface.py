@@ -19,11 +19,7 @@ def surface_names(model: Assembly) -> list[str]:
 
 
 def surface_labels(model: Assembly) -> dict[str, AnyArray]:
-    """The surface of each contact, in the form that a result stores.
-
-    Returns ``surface (n_c,)``, indices into ``surface_names``; in 3D also ``facets``, as
-    `contact_facets`.
-    """
+    """``surface (n_c,)``, ``surface_names`` and in 3D ``facets``, as a result holds them."""
     found = {
         "surface": model.group,
         "surface_names": np.array(surface_names(model), str),

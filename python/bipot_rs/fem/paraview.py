@@ -68,13 +68,9 @@ def write_bodies(
     """Write the bodies: displacements and contact fields at nodes, stress in cells.
 
     Each step is written when the next one is asked for; yields the fields of its cells.
-
-    ``path, model, steps``: as in `write`.
-    ``of_cells``: further fields ``(cells,)`` or ``(cells, k)``, one mapping for each step.
-    ``at_rest``: function of the index of a step that returns ``at_rest`` of `cell_fields`.
-    ``instants``: ``load`` and ``time`` of each step, as `Result._instants`; the default is the
-    time of each step for both.
-    ``units``: names of the units of ``"length"``, ``"force"`` and ``"stress"``.
+    ``of_cells`` are further fields, one mapping for each step; ``at_rest`` returns that of
+    `cell_fields` by the index of a step; ``instants`` are ``load`` and ``time`` of each step, by
+    default its time for both; ``units`` as in `write_series`.
     """
     more = of_cells if of_cells is not None else ({} for _ in steps)
     when = list_instants(steps) if instants is None else instants

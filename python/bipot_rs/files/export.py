@@ -58,7 +58,7 @@ def write_result(
     of_cells: Iterable[Mapping[str, AnyArray]] = (),
     units: Mapping[str, str] | None = None,
 ) -> None:
-    """Write contacts and load steps to an HDF5 file.
+    """Write contacts and load steps to an HDF5 file; an earlier one stays until it is complete.
 
     ``path``: file to write or to replace.
     ``contacts``: arrays of ``/contacts``, such as ``x (n_c, d)`` and ``mu (n_c,)``; ``None`` is
@@ -157,46 +157,26 @@ def write_result(
 
 
 class Saved(NamedTuple):
-    """Contents of a result file.
-
-    ``contacts``, ``steps`` and ``attributes`` are those of `read_result`; ``mesh`` is None
-    in a file without a mesh.
-    """
+    """Contents of a result file, as given to `write_result`."""
 
     contacts: Record
     steps: list[Record]
-    attributes: Record
+    attributes: Record  # also ``complete`` and ``version``
     mesh: ResultMesh | None
-
-
-def read_result(
-    path: str | os.PathLike[str],
-) -> tuple[Record, list[Record], Record]:
-    """Read contacts and steps of a file written by `write_result`.
-
-    Returns ``contacts, steps, attributes``: as given to `write_result`; ``attributes`` also
-    contains ``complete`` and ``version``.
-    Raises `OSError` or `ValueError`: as `read_saved`.
-    """
-    saved = read_saved(path)
-    return saved.contacts, saved.steps, saved.attributes
 
 
 def read_saved(path: str | os.PathLike[str]) -> Saved:
     """Read a file written by `write_result`.
 
-    Raises `OSError`: the file cannot be read.
-    Raises `ValueError`: the file is not a result, damaged, or of a later version of the format.
+    Raises `OSError`: it cannot be read. Raises `ValueError`: it is not a result, is damaged, or
+    of a later version of the format.
     """
     with _open(path) as (file, attributes):
         return _read_steps(file, attributes, _Reader(place(path).stat().st_size))
 
 
 def read_attributes(path: str | os.PathLike[str]) -> Record:
-    """The attributes of such a file, as `read_result` returns them; its arrays are not read.
-
-    Raises `OSError` or `ValueError`: as `read_saved`.
-    """
+    """The attributes of such a file, without its arrays; raises as `read_saved`."""
     with _open(path) as (_, attributes):
         return attributes
 

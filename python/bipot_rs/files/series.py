@@ -30,19 +30,13 @@ def write_series(
 ) -> None:
     """Write a PVD index, and one binary VTU file in the same folder for each load step.
 
-    ``path``: ``DIR/NAME.pvd``; step k is written to ``DIR/NAME_000k.vtu``. Further files of an
-    earlier, longer series with this name are removed.
-    ``points``: ``(points, d)``.
-    ``cells``: pairs of a kind (``"line"``, ``"triangle"``, ``"quad"``, ``"tetra"``,
-    ``"hexahedron"``) and corners in the order of VTK; without them each point is a vertex.
-    ``steps``: one mapping for each step. Arrays ``(points,)`` and ``(points, k)`` become
-    fields; two components are extended by a zero. The numbers ``load`` and ``time`` become
-    field data. Everything else is left out. The time of a step in the index is its load if that
-    grows from step to step, else its ``time``, else its number.
-    ``of_cells``: one mapping for each step, with arrays ``(cells,)`` or ``(cells, k)``, which
-    become fields of the cells.
-    ``units``: names of the units of ``"length"``, ``"force"`` and ``"stress"``. The files name
-    the unit of each field of `files.fields`, or its dimension if the unit is not known.
+    ``path`` is ``DIR/NAME.pvd``, and step k is written to ``DIR/NAME_000k.vtu``; further files
+    of an earlier, longer series are removed. ``points (points, d)``; ``cells`` as in
+    `vtu.write_grid`, without them each point is a vertex. Of each step, arrays ``(points,)`` and
+    ``(points, k)`` become fields, and the numbers ``load`` and ``time`` field data; all else is
+    left out. The time in the index is the load if that grows from step to step, else the time,
+    else the number. ``of_cells``: fields of the cells in each step. ``units``: names of the
+    units of ``"length"``, ``"force"`` and ``"stress"``.
     """
     series = Series(path, points, cells, units=units)
     for step, in_cells in zip(steps, of_cells or repeat({}), strict=False):
@@ -51,12 +45,11 @@ def write_series(
 
 
 class Series:
-    """A series for ParaView that is written step by step, as by `write_series`.
+    """A series that is written step by step; arguments as in `write_series`.
 
-    ``path, points, cells, units``: as in `write_series`.
-    ``piece, pieces``: number of this piece of the mesh, and of all pieces, if several processes
-    write the series together into one folder: ``DIR/NAME_000k_000i.vtu`` is piece i of step k.
-    Piece 0 also writes ``DIR/NAME_000k.pvtu``, which lists the pieces, and the index.
+    Of several processes that write into one folder each has the number ``piece`` of ``pieces``:
+    ``DIR/NAME_000k_000i.vtu`` is piece i of step k. Piece 0 also writes the lists
+    ``DIR/NAME_000k.pvtu`` and the index.
     """
 
     def __init__(

@@ -33,15 +33,10 @@ def write_grid(
     numbers: Mapping[str, float],
     units: Mapping[str, str],
 ) -> None:
-    """Write one step as a binary VTU file.
+    """Write one step as a binary VTU file, with ``numbers`` of the step and ``units`` of fields.
 
-    ``path``: the file.
-    ``points``: ``(points, 3)``.
-    ``cells``: pairs of a kind and corners ``(cells, corners)`` in the order of VTK.
-    ``of_points, of_cells``: arrays ``(points,)`` or ``(points, k)``, and ``(cells,)`` or
-    ``(cells, k)``, by name.
-    ``numbers``: numbers of the step by name.
-    ``units``: units of fields by name.
+    ``points (points, 3)``; ``cells``: pairs of a kind and corners in the order of VTK; fields
+    ``(points,)``, ``(points, k)`` and ``(cells,)``, ``(cells, k)`` by name.
     """
     meshio = load_library("meshio", extra="fem", need="files for ParaView")
     # 32 bits are enough for almost every mesh that fits into memory.
@@ -124,11 +119,7 @@ def write_pieces(
 
 
 def read_collection(path: Path) -> list[tuple[float, str]]:
-    """Time and file of each step of a PVD index.
-
-    Raises `OSError`: the file cannot be read.
-    Raises `ValueError`: the file is not a PVD index.
-    """
+    """Time and file of each step of a PVD index; `OSError` or `ValueError` if it is none."""
     sets = _elements(path, "Collection", "DataSet", ("timestep", "file"))
     try:
         return [(float(time), file) for time, file in sets]

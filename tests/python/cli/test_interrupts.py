@@ -23,7 +23,7 @@ INT, TERM = signal.SIGINT, signal.SIGTERM
 def left(cwd: Path) -> tuple[bool, int]:
     """Whether `result.h5` is complete, and its number of steps."""
     assert strays(cwd / "here") == []
-    _, steps, attributes = export.read_result(cwd / "here" / "result.h5")
+    _, steps, attributes, _ = export.read_saved(cwd / "here" / "result.h5")
     return attributes["complete"], len(steps)
 
 

@@ -238,7 +238,7 @@ def test_not_converged_keeps_the_earlier_steps(tmp_path: Path) -> None:
     assert last["success"] is False
     assert "max_iterations" in last["message"]
     folder = tmp_path / "out" / "sheared_cube"
-    _, written, attributes = export.read_result(folder / "result.h5")
+    _, written, attributes, _ = export.read_saved(folder / "result.h5")
     assert attributes["complete"] is False
     assert len(written) == len(done) == last["steps"] == 1
 
@@ -265,7 +265,7 @@ def test_interrupt_keeps_the_complete_steps(tmp_path: Path) -> None:
     assert last["message"].startswith("interrupted")
     assert last["steps"] < 41
     path = tmp_path / "out" / "cyclic_cube" / "result.h5"
-    _, written, attributes = export.read_result(path)
+    _, written, attributes, _ = export.read_saved(path)
     assert attributes["complete"] is False
     told = [step["load"] for step in (first, *more)]
     # The signal may come after a step is stored and before it is printed.

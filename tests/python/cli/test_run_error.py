@@ -59,7 +59,7 @@ def test_json_and_resume(tmp_path: Path) -> None:
     assert all(0 < step["error"] < 1 for step in steps)
     # Keep the first step, as after an interrupt; the others are solved again.
     whole = tmp_path / "a" / "result.h5"
-    contacts, records, attributes = export.read_result(whole)
+    contacts, records, attributes, _ = export.read_saved(whole)
     attributes = {
         k: v for k, v in attributes.items() if k not in ("complete", "version")
     }

@@ -29,7 +29,7 @@ def test_result_comes_back(tmp_path: Path) -> None:
     export.write_result(
         path, CONTACTS, [STEP, STEP], complete=True, attributes={"scene": "it"}
     )
-    contacts, steps, attributes = export.read_result(path)
+    contacts, steps, attributes, _ = export.read_saved(path)
     assert contacts.keys() == {"x", "mu"}
     np.testing.assert_array_equal(contacts["x"], CONTACTS["x"])
     assert attributes == {"scene": "it", "complete": True, "version": 1}
@@ -86,7 +86,7 @@ def test_datasets_say_what_they_hold(tmp_path: Path) -> None:
 def test_more_than_9999_steps_stay_in_order(tmp_path: Path) -> None:
     steps = [{"load": float(k)} for k in range(10_001)]
     export.write_result(tmp_path / "a.h5", {}, steps, complete=True)
-    _, back, _ = export.read_result(tmp_path / "a.h5")
+    _, back, _, _ = export.read_saved(tmp_path / "a.h5")
     assert [step["load"] for step in back] == list(range(10_001))
     with h5py.File(tmp_path / "a.h5") as file:
         assert "00000" in file["steps"]
@@ -107,8 +107,8 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "b.h5", "w"):
         pass
     with pytest.raises(ValueError, match="is not a result"):
-        export.read_result(tmp_path / "b.h5")
+        export.read_saved(tmp_path / "b.h5")
     with h5py.File(tmp_path / "c.h5", "w") as file:
         file.attrs.update(format="bipot-result", version=99)
     with pytest.raises(ValueError, match="version 99"):
-        export.read_result(tmp_path / "c.h5")
+        export.read_saved(tmp_path / "c.h5")

@@ -99,7 +99,7 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     """Draw the picture and print the name of its file."""
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.files.drafts import writing
-    from bipot_rs.files.export import read_result
+    from bipot_rs.files.export import read_saved
     from bipot_rs.plots.animation import animate
     from bipot_rs.plots.by_name import KINDS, plot
     from bipot_rs.plots.run_figure import write_figure
@@ -125,7 +125,7 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
         raise OSError(
             f"there is no {path}: bipot run writes one, by default out/SCENE/{RESULT}"
         )
-    steps, attributes = read_result(path)[1:]
+    steps, attributes = read_saved(path)[1:3]
     if not steps:
         raise ValueError(f"{path} has no load steps to draw")
     if step is not None and not 1 <= step <= len(steps):

@@ -23,11 +23,11 @@ def summarise(path: Path) -> dict[str, object]:
     """
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.contact.results.tables import BROKEN, make_row
-    from bipot_rs.files.export import read_result
+    from bipot_rs.files.export import read_saved
 
     if not path.exists():
         raise OSError(f"there is no {path}")
-    contacts, steps, attributes = read_result(path)
+    contacts, steps, attributes, _ = read_saved(path)
     result = load(path)
     count = len(result)
     x = contacts.get("x")

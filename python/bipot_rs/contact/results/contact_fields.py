@@ -20,14 +20,10 @@ if TYPE_CHECKING:
 def make_contact_fields(
     step: Step, contacts: ContactArrays, displacement: Floats | None = None
 ) -> dict[str, AnyArray]:
-    """Fields at the contacts of a step, acting on the body of each contact.
+    """Fields at the contacts of a step, acting on the body of each: those of `OF_CONTACTS`.
 
-    ``step``: the step.
-    ``contacts``: ``frame (n_c, d, d)`` and ``area (n_c,)``, or None for those that are not
-    known.
-    ``displacement``: displacement of the contacts, ``(n_c, d)``, if known.
-    Returns arrays with the names of `files.fields.OF_CONTACTS`, in that order. Without frames
-    there are no components along global axes; without areas no traction and pressure.
+    Without frames there are no components along global axes; without areas no traction and
+    pressure; ``displacement (n_c, d)`` is that of the contacts, if known.
     """
     frame, area = contacts.get("frame"), contacts.get("area")
     if frame is not None:
@@ -93,17 +89,10 @@ def make_path_fields(
 def list_instants(
     steps: Sequence[Step], loads: Sequence[float] | None = None, first: int = 0
 ) -> list[dict[str, float]]:
-    """``load`` and ``time`` of each step.
+    """``load`` and ``time`` of each step; ``first`` is the number of steps before these.
 
-    ``steps``: the steps.
-    ``loads``: path parameter of each step, ``(steps,)``; the default is the time.
-    ``first``: number of steps of the path before these.
-
-    Returns
-    -------
-    list of dict
-        ``time`` is the cycle of the step, its place on an adaptive path, or its number from
-        1. It grows from step to step, which the path parameter need not do.
+    ``time`` is the cycle of the step, its place on an adaptive path, or its number from 1. It
+    grows from step to step, which ``load``, by default the time, need not do.
     """
     instants = []
     for k, step in enumerate(steps):
