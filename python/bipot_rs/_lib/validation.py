@@ -46,8 +46,12 @@ def floats(
     shape: tuple[int, ...] | None = None,
     finite: bool = True,
     copy: bool = True,
+    but: Ints | None = None,
 ) -> Floats:
-    """``value`` as a C-ordered array of float64, by default a copy."""
+    """``value`` as a C-ordered array of float64, by default a copy.
+
+    Columns ``but`` may be NaN.
+    """
     array_like = _as_array(what, value)
     if array_like.dtype.kind not in "iuf":
         raise TypeError(
@@ -69,8 +73,13 @@ def floats(
         raise ValueError(
             f"{what} has {count_noun(array.ndim, 'dimension')}, expected {ndim}"
         )
-    if finite and not np.isfinite(array).all():
-        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+    wrong = ~np.isfinite(array)
+    if but is not None and array.ndim:
+        # An array of another shape is refused by the caller.
+        there = but[but < array.shape[-1]]
+        wrong[..., there] &= ~np.isnan(array[..., there])
+    if finite and wrong.any():
+        at = tuple(int(i) for i in np.argwhere(wrong)[0])
         place = at[0] if len(at) == 1 else at
         where = f" at {place}" if at else ""
         raise ValueError(f"{what} is {array[at]}{where}, expected finite numbers")
@@ -447,11 +456,16 @@ def places(coordinates: ArrayLike | None, n: int) -> Floats | None:
     return in_space
 
 
-def rows_of_steps(what: str, value: ArrayLike | None, length: int) -> Floats:
-    """Values of each step, ``(steps, length)``; zeros of one step for None."""
+def rows_of_steps(
+    what: str, value: ArrayLike | None, length: int, but: Ints | None = None
+) -> Floats:
+    """Values of each step, ``(steps, length)``; zeros of one step for None.
+
+    Columns ``but`` may be NaN.
+    """
     if value is None:
         return np.zeros((1, length))
-    totals = floats(what, value)
+    totals = floats(what, value, but=but)
     if totals.ndim not in (1, 2) or totals.shape[-1] != length:
         raise ValueError(
             f"{what} has shape {totals.shape}, expected ({length},) or (steps, {length})"

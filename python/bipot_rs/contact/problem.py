@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import count_noun
-from bipot_rs._lib.types import Floats, MatrixLike, Record
+from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike, Record
 from bipot_rs._lib.validation import (
     Csr,
     Settings,
@@ -33,6 +33,7 @@ from bipot_rs.contact.path.prepared import PreparedStiffness, StiffnessOptions
 from bipot_rs.contact.path.progress import show_progress
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results import summary
+from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.sensitivity.model import PathModel
@@ -217,6 +218,7 @@ class ContactProblem:
         _held: Held | None = None,
         _steps: int | None = None,
         _kinematics: tuple[Floats, Floats, Floats] | None = None,
+        _latches: tuple[Ints, Floats] | None = None,
     ) -> None:
         # `fem` has supports that K and B do not contain, and knows the number of steps, and
         # the rigid motions of reference points.
@@ -251,9 +253,14 @@ class ContactProblem:
             engine=engine,
             steps=_steps,
             kinematics=_kinematics,
+            latched=_latches is not None,
         )
+        latches = None
+        if _latches is not None:
+            rows = stiffness.matrix[_latches[0]]
+            latches = Latches(*_latches, options.fixed, rows)
         self.loading = Loading.check(
-            n, len(options.fixed), self.contacts, loads, gaps, _held
+            n, len(options.fixed), self.contacts, loads, gaps, _held, latches
         )
         callback("on_forecast", on_forecast)
         restored, digits = options.restore(stiffness)
@@ -372,6 +379,11 @@ class ContactProblem:
         """
         from bipot_rs.contact.path.one_step import reduce_step
 
+        if self.loading.latches is not None:
+            raise ValueError(
+                "the model has bolts: W and the free part of a step depend on which of them "
+                "it tightens; solve the path"
+            )
         loads = self.loading.read_step(load, prescribed)
         reduced = reduce_step(self.stiffness.core, self.loading, loads, start, gap)
         law = reduced.law
@@ -887,6 +899,15 @@ class ContactProblem:
             )
             contacts = replace(contacts, law=law)
             engine = engine.with_law(contacts.law)
+        latches = loading.latches
+
+        def set_free(free: Bools) -> Engine:
+            stiffness = self.stiffness
+            if latches is not None:
+                stiffness = stiffness.set_free(latches.dofs[free])
+            made = stiffness.choose_engine(options.steps or 1, checked.method)
+            return made if mu is None else made.with_law(contacts.law)
+
         problem = PathProblem(
             contacts,
             self.remarks,
@@ -894,6 +915,8 @@ class ContactProblem:
             options.bodies,
             self.stiffness.restored,
             loading.held,
+            latches=loading.latches,
+            engine_of=set_free,
         )
         model = PathModel(
             contacts.operator.matrix,
@@ -901,5 +924,6 @@ class ContactProblem:
             contacts.gap.shape,
             loading.are_by_component(gap),
             loading.held,
+            latches,
         )
         return PathSolver(engine, problem, checked, start, Differentiable(model))

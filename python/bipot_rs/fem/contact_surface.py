@@ -19,11 +19,13 @@ def surface_names(model: Assembly) -> list[str]:
 
 
 def surface_labels(model: Assembly) -> dict[str, AnyArray]:
-    """``surface (n_c,)``, ``surface_names`` and in 3D ``facets``, as a result holds them."""
+    """``surface``, ``surface_names``, in 3D ``facets``, with bolts ``bolt_names``."""
     found = {
         "surface": model.group,
         "surface_names": np.array(surface_names(model), str),
     }
+    if model.bolts:
+        found["bolt_names"] = np.array([bolt.name for bolt in model.bolts], str)
     return found | ({"facets": contact_facets(model)} if model.dim == 3 else {})
 
 

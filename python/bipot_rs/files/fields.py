@@ -104,6 +104,8 @@ STEPS = {
     "broken": OF_CONTACTS["broken"],
     "dilation": Quantity("opening at which the surfaces meet after slip", "length"),
     "lift": Quantity("dilation of this step", "length"),
+    "shortening": Quantity("shortening of each bolt since the start", "length"),
+    "bolt_force": Quantity("force of each bolt, tension positive", "force"),
     "frame": CONTACTS["frame"],
     "drag": Quantity(
         "displacement of the obstacle under the contact since the start",

@@ -17,6 +17,7 @@ from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surface
 from bipot_rs.fem.bodies.loads import Load, PointLoad
 from bipot_rs.fem.bodies.materials import Elastic
 from bipot_rs.fem.bodies.stress_recovery import Initial, thermal
+from bipot_rs.fem.constraints.bolts import Bolt
 from bipot_rs.fem.constraints.references import Remote
 from bipot_rs.fem.contact.contact import Contact, Floating
 from bipot_rs.mesh.boxes import box_mesh
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
         symmetries: list[Symmetry]
         springs: list[Spring]
         remotes: list[Remote]
+        bolts: list[Bolt]
         repetitions: list[Repetition]
 
 
@@ -57,6 +59,7 @@ def bodies(scene: Scene) -> list[Body]:
     """
     made_bodies: list[Body] = []
     mistakes: list[Mistake] = []
+    sections = {bolt.section for bolt in scene.bolt}
     for name, block in scene.body.items():
         key = f"body.{name}"
         place = f"{key}.mesh"
@@ -65,7 +68,8 @@ def bodies(scene: Scene) -> list[Body]:
             surfaces = {}
             for named, table in block.surface.items():
                 place = f"{key}.surface.{named}"
-                surfaces[named] = _find_surface(mesh, named, table)
+                inside = f"{name}.{named}" in sections
+                surfaces[named] = _find_surface(mesh, named, table, inside)
             mesh = with_surfaces(mesh, surfaces) if surfaces else mesh
             place = f"{key}.material"
             made_bodies.append(Body(name, mesh, _make_material(scene, block)))
@@ -116,11 +120,12 @@ def _check_shape(scene: Scene, mesh: ElementMesh) -> None:
         )
 
 
-def _find_surface(mesh: ElementMesh, name: str, table: Place) -> Ints:
-    """Facets of a surface that the scene defines by geometry."""
+def _find_surface(mesh: ElementMesh, name: str, table: Place, inside: bool) -> Ints:
+    """Facets of a surface that the scene defines by geometry; of a section ``inside``."""
     if name in (mesh.boundaries or {}):
         raise ValueError("the mesh has a surface of this name, choose another name")
-    return surface(mesh, _box_of(table.within), table.normal, table.angle)
+    within = _box_of(table.within)
+    return surface(mesh, within, table.normal, table.angle, inside=inside)
 
 
 def _make_material(scene: Scene, block: Block) -> Elastic | dict[str, Elastic]:
@@ -167,6 +172,7 @@ def make_parts(scene: Scene, motions: Mapping[str, Motion | None]) -> _Parts:
             for s in scene.spring
         ],
         "remotes": make_remotes(scene),
+        "bolts": make_bolts(scene),
         "repetitions": make_repetitions(scene),
     }
 
@@ -237,6 +243,17 @@ def make_remotes(scene: Scene) -> list[Remote]:
             )
         )
     return remotes
+
+
+def make_bolts(scene: Scene) -> list[Bolt]:
+    """Make the bolts; their forces are in the path."""
+    bolts = []
+    for table in scene.bolt:
+        body, section = split(table.section)
+        flat = table.plane
+        cut = section if flat is None else (flat.point, flat.normal)
+        bolts.append(Bolt(table.title, body, cut, table.share))
+    return bolts
 
 
 def make_repetitions(scene: Scene) -> list[Repetition]:
@@ -322,6 +339,8 @@ def _make_point_loads(
         if rigid.force is not None and name in used:
             for k, number in rigid.force.components().items():
                 yield PointLoad(name, force=unit[k]), number
+    for bolt in scene.bolt:
+        yield PointLoad(bolt.title, force=bolt.share * unit[0]), bolt.tightening
     for name, remote in scene.remote.items():
         settings = remote.given()
         for k, number in settings.get("force", {}).items():

@@ -238,6 +238,16 @@ class Model:
         """
         self._add_named("remote", name, table)
 
+    def bolt(self, section: str, **table: object) -> None:
+        """Cut a shank at ``section``, and tighten it by ``force`` in the load steps ``step``.
+
+        ``section`` is ``"body.surface"``, or a body that ``plane``, a table of ``point`` and
+        ``normal``, cuts. ``step`` is the first and the last load step, counted from 1, in
+        which the force (tension positive) determines the shortening; other steps keep it.
+        With ``half=True`` a plane of symmetry divides the bolt. ``name`` is that in tables.
+        """
+        self._table.setdefault("bolt", []).append({"section": section} | _plain(table))
+
     def cyclic(self, on: str, onto: str, *, sectors: int, **table: object) -> None:
         """Make two cuts those of one of ``sectors`` equal sectors: ``about``, ``axis``."""
         self._add_to_list("cyclic", on, {"onto": onto, "sectors": sectors, **table})

@@ -331,12 +331,15 @@ class Case:
             if acting.load is not None and acting.load.strain is not None
         )
         remarks = inspect(
-            self.model, load=self.load, prescribed=self.prescribed, strained=strained
+            self.model,
+            load=self.load,
+            prescribed=np.nan_to_num(self.prescribed),
+            strained=strained,
         )
         if (
             self.load is None
             and self.gaps is None
-            and not np.any(self.prescribed)
+            and not np.any(np.nan_to_num(self.prescribed))
             and not (self.model.gap < 0).any()
         ):
             remarks.append(

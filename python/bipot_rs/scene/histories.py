@@ -48,9 +48,10 @@ class Histories:
 
     def evaluate(self, number: Varying) -> Floats:
         """A number times its amplitude, ``(steps,)``."""
-        constant = np.minimum(self.ends, 1.0)
         name = number.amplitude
-        return number.value * (self._factors[name] if name else constant)
+        return number.value * (
+            self._factors[name] if name else number.constant(self.ends)
+        )
 
     @property
     def parameter(self) -> Floats:
@@ -59,7 +60,7 @@ class Histories:
         return self.ends.astype(np.float64) if name is None else self._factors[name]
 
     def prescribe(self, model: Assembly) -> Floats:
-        """Displacements of supports and remote points, ``(steps, len(model.fixed))`` [m]."""
+        """Displacements of supports, remote points and bolts, ``(steps, len(model.fixed))`` [m]."""
         rows = [
             [self.evaluate(v) for v in support.components().values()]
             for support in self._scene.support
@@ -75,6 +76,9 @@ class Histories:
                         for v in settings.get("turn", {}).values()
                     ),
                 ]
+        for bolt in self._scene.bolt:
+            # NaN where the force determines the shortening.
+            points[bolt.title] = [np.where(bolt.is_tightened(self.ends), np.nan, 0.0)]
         prescribed = [
             model.prescribed(
                 [[float(h[step]) for h in row] for row in rows],

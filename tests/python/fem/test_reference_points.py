@@ -573,7 +573,7 @@ def test_mistakes_of_references() -> None:
         remotes=[Remote("a", "it", rotations=[0])],
     )
     two = [Remote("a", "it", "top"), Remote("a", "it", "left", distributed=True)]
-    refused("names of floating obstacles and remotes repeat", remotes=two)
+    refused("names of floating obstacles, remotes and bolts repeat", remotes=two)
     refused(
         "has no surface or volume 'tpo', expected one of",
         remotes=[Remote("a", "it", "tpo")],

@@ -13,11 +13,13 @@ from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.messages.remarks import NEVER_CLOSED
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.tables import (
+    BOLTS,
     COMPONENTS,
     FORCES,
     MOMENTS,
     TORQUE,
     WEAR,
+    list_bolts,
     list_columns,
     list_surface_forces,
 )
@@ -36,7 +38,7 @@ _FORMS = {
     "normal_force": "{:.5g}",
     "tangential_force": "{:.5g}",
     "friction_used": "{:.4f}",
-    **dict.fromkeys(COMPONENTS, "{:.5g}"),
+    **dict.fromkeys((*COMPONENTS, *BOLTS), "{:.5g}"),
 }
 # Columns that no terminal shows.
 _IN_FILES = (*MOMENTS, TORQUE)
@@ -54,7 +56,9 @@ def forces(model: Assembly, step: Step) -> dict[str, float | None]:
     names = surface_names(model)
     cohesion = model.cohesion if model.cohesion.any() else None
     law = model.mu, model.group, names, cohesion
-    return list_surface_forces(step, frame, *law, model.points, model.area)
+    return list_surface_forces(
+        step, frame, *law, model.points, model.area
+    ) | list_bolts(step, [bolt.name for bolt in model.bolts])
 
 
 def by_surface(
@@ -146,6 +150,7 @@ def _head(kind: str, unit: str, *, curved: bool) -> str:
         "normal_force": f"Fn{force}",
         "tangential_force": f"Ft{force}",
         "friction_used": "Ft/(μFn)",
+        "bolt_force": f"tension{force}",
     }
     if curved:
         heads |= {

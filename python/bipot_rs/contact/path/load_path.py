@@ -12,7 +12,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, count_noun
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.frames import find_rotation
@@ -39,9 +39,11 @@ from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
     carry_step,
     list_components,
+    rotate,
 )
 from bipot_rs.contact.results.core_answer import find_opening, make_step
 from bipot_rs.contact.results.derivatives import PathDerivatives
+from bipot_rs.contact.results.latches import LatchedRecovery, Latches
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Computed, Recovery, Step
 
@@ -80,6 +82,8 @@ class PathProblem:
         Inclined supports, rigid sets and cyclic symmetries.
     make_result
         `Result`, or another class with the same arguments.
+    latches, engine_of
+        Bolts, if there are any, and the engine for a set of free ones.
     """
 
     contacts: Contacts
@@ -89,6 +93,8 @@ class PathProblem:
     restored: RestoredDigits | None = None
     held: Held | None = None
     make_result: Callable[..., Result] = Result
+    latches: Latches | None = None
+    engine_of: Callable[[Bools], Engine] | None = None
 
 
 class PathSolver:
@@ -139,6 +145,10 @@ class PathSolver:
         self._whole = engine.replacement(CONTINUED) if self._replaced else engine
         self._first = count_steps(start)
         self.steps: list[Step] = []
+        # Which latches the engine has free; None before the first step.
+        self._free: Bools | None = None
+        if problem.latches is not None:
+            problem.latches.check_start(self.before)
         self.rewind()
         self._seconds = {"condense": problem.seconds, "solve": 0.0, "recover": 0.0}
 
@@ -148,7 +158,13 @@ class PathSolver:
         self._last = None if at is None else at.relative_displacement
         self._bond = Bond.begin(self._contacts, at)
         self._engine = self._weaken(self._whole)
-        held = self._problem.held
+        held, latches = self._problem.held, self._problem.latches
+        if latches is not None:
+            if self._free is None:
+                at = None
+            elif not latches.is_continued(at, self._free) and at is not None:
+                # Its rigid motions and working set are those of another K.
+                at = replace(at, from_state=True, working_set=None, working_motion=None)
         if held is not None and at is not None:
             u = at.computed.displacement
             if u is not None:
@@ -159,8 +175,9 @@ class PathSolver:
 
     @property
     def has_memory(self) -> bool:
-        """Whether contacts may break or dilate: steps then change the problem."""
-        return self._bond.broken is not None or self._bond.dilation is not None
+        """Whether contacts may break or dilate, or bolts latch: steps then change the problem."""
+        bond, latches = self._bond, self._problem.latches
+        return not (bond.broken is None and bond.dilation is None and latches is None)
 
     def _weaken(self, engine: Engine) -> Engine:
         """The engine with the cohesion that is left."""
@@ -223,6 +240,12 @@ class PathSolver:
             Contacts contradict each other.
         """
         began = time.perf_counter()
+        given, latches = prescribed, self._problem.latches
+        if latches is not None:
+            free = latches.find_free(given)
+            self._set_free(free)
+            filled = latches.fill(given, self._last_step())
+            prescribed = latches.drop_free(filled, free)
         try:
             offsets = self._turn_to_frames(gap)
             step = self._solve_and_break(load, prescribed, offsets)
@@ -232,7 +255,30 @@ class PathSolver:
             # The direct engine replaced the iterative one, for the rest of the path.
             self._whole, self._replaced = self._whole.replacement(), True
             self._engine = self._weaken(self._whole)
-        return self._complete(step, load, prescribed, gap)
+        step = self._complete(step, load, prescribed, gap)
+        if latches is None or self._free is None:
+            return step
+        recovery = step.recovery
+        if recovery is not None:
+            recovery = LatchedRecovery(recovery, prescribed)
+        step = replace(step, prescribed=given, recovery=recovery)
+        if not step.converged:
+            return step
+        r, contacts = step.reaction, self._contacts
+        if step.frame is not None and contacts.frame is not None:
+            r = rotate(find_rotation(contacts.frame, step.frame), r)
+        pushed = contacts.operator.matrix.T @ r.ravel()
+        return latches.complete(step, pushed, self._free)
+
+    def _set_free(self, free: Bools) -> None:
+        """Take the engine of a set of free latches."""
+        make = self._problem.engine_of
+        known = self._free
+        if make is None or (known is not None and np.array_equal(free, known)):
+            return
+        engine, self._free = make(free), free
+        self._whole = engine.replacement(CONTINUED) if self._replaced else engine
+        self.rewind()
 
     def _solve_and_break(
         self, load: Floats, prescribed: Floats, gap: Floats | None

@@ -16,6 +16,7 @@ from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.moving_gaps import MovingGaps
+from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.state import State
@@ -68,6 +69,7 @@ class Loading:
     # Whether these were given by component; None without them.
     gaps_by_component: bool | None = None
     held: Held | None = None  # inclined supports, rigid sets and cyclic symmetries
+    latches: Latches | None = None  # bolts
     # Checks the load of a path, and lists that of each step. Loads of PETSc are no arrays.
     read_forces: Callable[[object], Sequence[Floats]] | None = None
 
@@ -80,9 +82,10 @@ class Loading:
         loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
         gaps: ArrayLike | MovingGaps | None = None,
         held: Held | None = None,
+        latches: Latches | None = None,
     ) -> Loading:
         """Check the loads and gaps of a `ContactProblem`."""
-        bare = cls(n, fixed, contacts, held=held)
+        bare = cls(n, fixed, contacts, held=held, latches=latches)
         of_steps = None
         if loads is not None:
             pair = loads if isinstance(loads, tuple) else (loads, None)
@@ -159,6 +162,11 @@ class Loading:
             )
         moving.check_shape(*self.contacts.shape)
 
+    @property
+    def _may_be_free(self) -> Ints:
+        """Places of the prescribed displacements that may be NaN."""
+        return np.zeros(0, np.int64) if self.latches is None else self.latches.at
+
     def _read_loads(
         self, load: ArrayLike | None, prescribed: ArrayLike | None
     ) -> list[Loads]:
@@ -167,7 +175,8 @@ class Loading:
             forces: Sequence[Floats] = list(rows_of_steps("load", load, self.n))
         else:
             forces = self.read_forces(load)
-        motions = list(rows_of_steps("prescribed", prescribed, self.fixed))
+        rows = rows_of_steps("prescribed", prescribed, self.fixed, self._may_be_free)
+        motions = list(rows)
         pairs = together("prescribed", motions, "load", forces, lambda u, f: (f, u))
         return [self._without_reactions(*pair) for pair in pairs]
 
@@ -239,7 +248,8 @@ class Loading:
                 "as a function of s"
             )
         force = self._make_force(load, end)
-        moved = _scale_or_call("prescribed", prescribed, self.fixed, end)
+        free = self._may_be_free
+        moved = _scale_or_call("prescribed", prescribed, self.fixed, end, free)
         if gap is None and self.gaps is not None:
             raise ValueError(
                 "gap is missing: the gaps of this problem have "
@@ -352,24 +362,25 @@ def find_difference(step: Step, totals: Mapping[str, Gap | None]) -> str | None:
             lost = name in ("load", "prescribed")
             same = theirs is total or (theirs is None and lost)
         else:
-            same = np.array_equal(theirs, total)
+            # Free latches are NaN.
+            same = np.array_equal(theirs, total, equal_nan=True)
         if not same:
             return name
     return None
 
 
 def _scale_or_call(
-    what: str, value: object, length: int, end: float
+    what: str, value: object, length: int, end: float, free: Ints | None = None
 ) -> Callable[[float], Floats]:
     """``value(s)``, or an array scaled by ``s / end``, with its shape checked."""
     if value is None:
         zero = np.zeros(length)
         return lambda _: zero
     if not callable(value):
-        whole = floats(what, value, shape=(length,))
+        whole = floats(what, value, shape=(length,), but=free)
         return lambda s: whole if s == end else whole * (s / end)
 
     def at(s: float) -> Floats:
-        return floats(f"{what} at s = {s:.10g}", value(s), shape=(length,))
+        return floats(f"{what} at s = {s:.10g}", value(s), shape=(length,), but=free)
 
     return at

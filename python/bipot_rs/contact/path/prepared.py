@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -105,6 +105,8 @@ class StiffnessOptions:
         What only a mesh knows, for the direct engine: positions ``(n, 3)``, what all rigid
         motions move at each degree of freedom ``(n, m)``, and the loss ``(n,)``, the terms
         from which each row of K was summed over its entries.
+    latched
+        Whether K is kept, for `PreparedStiffness.set_free`.
     """
 
     n: int
@@ -119,6 +121,7 @@ class StiffnessOptions:
     engine: str = "auto"
     steps: int | None = None
     kinematics: tuple[Floats, Floats, Floats] | None = None
+    latched: bool = False
 
     @classmethod
     def check(
@@ -136,6 +139,7 @@ class StiffnessOptions:
         engine: str,
         steps: int | None,
         kinematics: tuple[Floats, Floats, Floats] | None,
+        latched: bool,
     ) -> StiffnessOptions:
         """Check the arguments of a `ContactProblem` that are about its stiffness.
 
@@ -172,6 +176,7 @@ class StiffnessOptions:
             one_of("engine", engine, choice.ENGINES),
             steps,
             kinematics,
+            latched,
         )
 
     @property
@@ -257,6 +262,8 @@ class PreparedStiffness:
     # K, until it is condensed, or what assembles it once more.
     _parts: Parts | None
     _assemble: Callable[[], MatrixLike] | None
+    # K, where some prescribed degrees of freedom become free.
+    _kept: Parts | None
     _on_forecast: OnForecast | None
 
     def __init__(
@@ -299,6 +306,8 @@ class PreparedStiffness:
 
     def matrix(self) -> Parts:
         """K, which the core has once it is condensed."""
+        if self._kept is not None:
+            return self._kept
         if self._parts is not None:
             return self._parts
         if self._assemble is not None:
@@ -307,10 +316,29 @@ class PreparedStiffness:
 
     def release(self, assemble: Callable[[], MatrixLike]) -> bool:
         """Drop K if the iterative engine will solve; ``assemble`` makes it once more."""
-        if self._iterative is None or self._choice[0] != "iterative":
+        if self._iterative is None or self._choice[0] != "iterative" or self._kept:
             return False
         self._parts, self._assemble = None, assemble
         return True
+
+    def set_free(self, dofs: Ints) -> PreparedStiffness:
+        """The same K with some of the prescribed degrees of freedom free, made once."""
+        key = tuple(dofs.tolist())
+        if not key:
+            return self
+        if key not in self._with_free:
+            from scipy.sparse import csr_array
+
+            options, parts = self.options, self.matrix()
+            fixed = np.setdiff1d(options.fixed, dofs)
+            shape = options.n, options.n
+            self._with_free[key] = PreparedStiffness(
+                Csr(csr_array(parts[::-1], shape=shape), shape, parts),
+                self.restored,
+                self._contacts,
+                replace(options, fixed=fixed, latched=False),
+            )
+        return self._with_free[key]
 
     @property
     def core(self) -> _core.Condensed:
@@ -416,6 +444,9 @@ class PreparedStiffness:
             condensed = self._condense(parts, before, on_forecast)
         self._condensed, self._iterative = condensed, iterative
         self._parts = None if iterative is None else parts
+        # The core drops what is between prescribed degrees of freedom.
+        self._kept = parts if options.latched else None
+        self._with_free: dict[tuple[int, ...], PreparedStiffness] = {}
         self._assemble = None
         self._on_forecast = None if iterative is None else on_forecast
         if iterative is None:

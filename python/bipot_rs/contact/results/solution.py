@@ -421,6 +421,9 @@ class Step(Solution):
     dilation, lift
         Opening at which the surfaces meet after the step, because dilatancy has lifted them,
         ``(n_c,)``, and the part of it from this step; ``None`` without dilatancy.
+    shortening, bolt_force, tightened
+        Shortening of each bolt since the start, its force, tension positive, and whether the
+        force determined the shortening in this step, ``(m,)``; ``None`` without bolts.
     opened
         Contacts that are open by more than the tolerance, ``(n_c,)``; ``None`` in a result
         that was read from a file.
@@ -448,6 +451,9 @@ class Step(Solution):
     broken: Bools | None = None
     dilation: Floats | None = None
     lift: Floats | None = None
+    shortening: Floats | None = None
+    bolt_force: Floats | None = None
+    tightened: Bools | None = None
     opened: Bools | None = None
     remarks: tuple[str, ...] = ()
     recovery: Recovery | None = None

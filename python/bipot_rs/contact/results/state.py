@@ -51,6 +51,10 @@ class State:
         Openings at which the surfaces meet, because dilatancy has lifted them, ``(n_c,)``;
         the default is zero.
 
+    shortening
+        Shortening of each bolt, ``(m,)``, which the path keeps until the bolt is tightened; for
+        a model with bolts only.
+
     Raises
     ------
     TypeError, ValueError
@@ -73,12 +77,19 @@ class State:
     array([[0.]])
     """
 
-    __slots__ = ("broken", "dilation", "reaction", "relative_displacement")
+    __slots__ = (
+        "broken",
+        "dilation",
+        "reaction",
+        "relative_displacement",
+        "shortening",
+    )
 
     reaction: Floats
     relative_displacement: Floats
     broken: Bools | None
     dilation: Floats | None
+    shortening: Floats | None
 
     def __init__(
         self,
@@ -87,6 +98,7 @@ class State:
         relative_displacement: ArrayLike,
         broken: ArrayLike | None = None,
         dilation: ArrayLike | None = None,
+        shortening: ArrayLike | None = None,
     ) -> None:
         self.reaction = vectors("reaction", reaction)
         self.relative_displacement = floats(
@@ -112,6 +124,9 @@ class State:
                 f"dilation of contact {k} is {self.dilation[k]:g}, expected zero or positive: "
                 "slip only lifts surfaces"
             )
+        self.shortening = (
+            None if shortening is None else floats("shortening", shortening, ndim=1)
+        )
         normal = self.reaction[:, 0]
         if (normal < -_TENSION * np.abs(self.reaction).max(initial=0.0)).any():
             k = int(np.argmin(normal))
@@ -145,5 +160,6 @@ class State:
             slip=np.zeros((len(status), self.reaction.shape[1] - 1)),
             broken=self.broken,
             dilation=self.dilation,
+            shortening=self.shortening,
             from_state=True,
         )

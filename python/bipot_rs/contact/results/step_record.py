@@ -39,6 +39,9 @@ _WRITTEN = (
     "broken",
     "dilation",
     "lift",
+    "shortening",
+    "bolt_force",
+    "tightened",
 )
 
 
@@ -112,14 +115,22 @@ def read_step(
     for name in ("dilation", "lift"):
         if name in record:
             floats(name, record[name], shape=(contacts,))
+    bolts = np.shape(record.get("shortening", ()))
+    for name in ("shortening", "bolt_force", "tightened"):
+        if ("shortening" in record) != (name in record):
+            raise ValueError(
+                f"{name} missing, expected shortenings and forces of bolts"
+            )
+        if name in record:
+            floats(name, np.asarray(record[name]) * 1, shape=bolts)
     _check_working_set(record, contacts)
     status = record["status"]
     if not np.isin(status, list(Status)).all():
         raise ValueError("status is wrong, expected 0, 1 or 2 for each contact")
     written = {name: record[name] for name in _WRITTEN if name in record}
     written["outcome"] = Outcome(written["outcome"])
-    if "broken" in written:
-        written["broken"] = np.asarray(written["broken"]).astype(np.bool_)
+    for name in written.keys() & {"broken", "tightened"}:
+        written[name] = np.asarray(written[name]).astype(np.bool_)
     counts = ("bytes_beside_W", "newton", "krylov", "replaced")
     written["stats"] = {name: int(record[name]) for name in counts if name in record}
     computed = Computed(displacement=record.get("displacement"))

@@ -30,6 +30,8 @@ COMPONENTS = ("force_x", "force_y", "force_z")
 # about its normal through its centre.
 MOMENTS = ("moment_x", "moment_y", "moment_z")
 TORQUE = "torque"
+# Columns of each bolt.
+BOLTS = ("bolt_force", "shortening")
 
 
 def make_row(k: int, parameter: float | None, step: Step) -> dict[str, float | None]:
@@ -99,12 +101,23 @@ def list_surface_forces(
     return forces
 
 
+def list_bolts(step: Step, names: Sequence[str]) -> dict[str, float | None]:
+    """`BOLTS` of the bolts with these names; empty without bolts."""
+    if step.bolt_force is None or step.shortening is None:
+        return {}
+    return {
+        f"{kind} of {name}": float(value)
+        for name, *figures in zip(names, step.bolt_force, step.shortening, strict=True)
+        for kind, value in zip(BOLTS, figures, strict=True)
+    }
+
+
 def list_columns(
     rows: Sequence[Mapping[str, object]], more: Sequence[str] = ()
 ) -> list[str]:
     """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
     names = rows[0] if rows else ("load",)
-    of_surfaces = (*FORCES, *COMPONENTS, *MOMENTS, TORQUE)
+    of_surfaces = (*FORCES, *COMPONENTS, *MOMENTS, TORQUE, *BOLTS)
     forces = [key for key in names if key.startswith(of_surfaces)]
     first = [name for name in COLUMNS[:5] if name != "load" or name in names]
     first += [BROKEN] if BROKEN in names else []
@@ -133,13 +146,16 @@ def list_steps(
 
 def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
     frame, mu = contacts.get("frame"), contacts.get("mu")
+    named = contacts.get("bolt_names")
+    bolts = {} if named is None else list_bolts(step, list(named))
     if frame is None or mu is None:
-        return {}
+        return bolts
     group, cohesion = contacts.get("surface"), contacts.get("cohesion")
     places = contacts.get("x"), contacts.get("area")
     if group is not None:
         names = list(contacts["surface_names"])
-        return list_surface_forces(step, frame, mu, group, names, cohesion, *places)
+        forces = list_surface_forces(step, frame, mu, group, names, cohesion, *places)
+        return forces | bolts
     group = np.zeros(len(mu), np.int64)
     name = ["contacts"]
     whole = list_surface_forces(step, frame, mu, group, name, cohesion, *places)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,13 +29,19 @@ class Backward:
         slip: Floats | None,
     ) -> None:
         self._result, self._path = result, path
+        self._matrices: dict[int, CsrMatrix] = {}
         steps, shape = len(path.steps), path.shape
         self._displacement = displacement
         self.gap_by_component = np.zeros((steps, *shape))
         # Forces that were condensed; adjoint reactions are given beside them.
         self._forces: dict[int, Floats] = {}
         self._reactions = np.zeros((steps, *shape))
-        self._amounts = np.zeros((steps, path.response.motions))
+        self._amounts = [np.zeros(one.motions) for one in path.responses]
+        latches = path.model.latches
+        if latches is not None:
+            shape_of_u = steps, path.model.n
+            given = np.zeros(shape_of_u) if displacement is None else displacement
+            self._displacement = given.copy()
         self.mu = np.zeros_like(path.mu)
         # By cohesion and dilatancy.
         self.rest = np.zeros((shape[0], 2))
@@ -46,6 +51,8 @@ class Backward:
         carried = np.zeros((shape[0], shape[1] - 1))
         # Cotangent of the opening to which this step has lifted the contacts.
         lifted = np.zeros(shape[0])
+        # Cotangent of what the latches have kept from the step before.
+        kept = np.zeros(0 if latches is None else len(latches.dofs))
         # With two coefficients there is neither cohesion nor dilatancy.
         one = path.mu.ndim == 1
         for k in reversed(range(steps)):
@@ -57,6 +64,8 @@ class Backward:
             if slip is not None:
                 of_slip = of_slip + slip[k]
             v[:, 1:] += of_slip
+            if latches is not None and self._displacement is not None:
+                self._displacement[k, latches.dofs] += kept
             system = path.linear(k).adjoint()
             q, e = self._find_free_part(k, v)
             w, b = system.solve_transposed(r[k] + q, e)
@@ -71,10 +80,13 @@ class Backward:
             self.rest += system.laws.adjoint_rest(w) * path.felt[k] * one
             carried = pulled[:, 1:] - of_slip
             lifted = lifted + pulled[:, 0]
+            if latches is not None:
+                own = self._find_prescribed(k, self._solve_adjoint(k, k + 1))
+                kept = own[0, latches.dofs]
 
     def _find_free_part(self, k: int, v: Floats) -> tuple[Floats, Floats]:
         """``W v + B K⁻¹ u`` of the cotangents, and their work on rigid motions."""
-        path, response = self._path, self._path.response
+        path, response = self._path, self._path.responses[k]
         still = np.zeros(response.motions)
         if self._displacement is None:
             if not v.any():
@@ -85,38 +97,58 @@ class Backward:
         if self._displacement is not None:
             force = force + self._displacement[k]
         self._forces[k] = force
-        return response.free(force, np.zeros(len(path.model.fixed)))
+        return response.free(force, np.zeros(len(path.list_fixed(k))))
 
     def load(self) -> Floats:
         """Adjoint displacements, ``(steps, n)``."""
+        size = tuning.DISPLACEMENTS_TOGETHER
+        blocks = [
+            self._solve_adjoint(k, min(k + size, end))
+            for first, end in self._path.spans
+            for k in range(first, end, size)
+        ]
+        adjoint, held = np.concatenate(blocks), self._path.model.held
+        if held is None or not held.dependent.size:
+            return adjoint
+        return np.stack([held.displacement(row) for row in adjoint])
+
+    def _solve_adjoint(self, first: int, end: int) -> Floats:
+        """Adjoint displacements of steps with one response."""
         path = self._path
-        count, fixed = len(path.steps), np.zeros(len(path.model.fixed))
-        none = np.zeros(path.model.n)
+        fixed, none = np.zeros(len(path.list_fixed(first))), np.zeros(path.model.n)
         states = [
             (self._forces.get(k, none), fixed, self._reactions[k], self._amounts[k])
-            for k in range(count)
+            for k in range(first, end)
         ]
-        blocks = [
-            path.response.displacements(states[k : k + tuning.DISPLACEMENTS_TOGETHER])
-            for k in range(0, count, tuning.DISPLACEMENTS_TOGETHER)
-        ]
-        return np.concatenate(blocks)
+        return path.responses[first].displacements(states)
 
     def prescribed(self, load: Floats) -> Floats:
         """Derivatives by prescribed displacements, from the adjoint displacements."""
-        path = self._path
-        pushed = self.gap_by_component.reshape(len(path.steps), -1)
+        blocks = [self._find_prescribed(k, load[k:end]) for k, end in self._path.spans]
+        return np.ascontiguousarray(np.concatenate(blocks)[:, self._path.model.fixed])
+
+    def _find_prescribed(self, first: int, load: Floats) -> Floats:
+        """Derivatives by prescribed displacements, at all degrees of freedom."""
+        path, part = self._path, slice(first, first + len(load))
+        pushed = self.gap_by_component[part].reshape(len(load), -1)
         force = (path.model.contact.T @ pushed.T).T
         if self._displacement is not None:
-            force = force + self._displacement
-        left: Floats = force - (self._stiffness @ load.T).T
-        return np.ascontiguousarray(left[:, path.model.fixed])
+            force = force + self._displacement[part]
+        found = np.zeros(force.shape)
+        at = path.list_fixed(first)
+        found[:, at] = force[:, at] - (self._find_stiffness(first) @ load.T).T[:, at]
+        return found
 
     def stiffness(self, load: Floats) -> CsrMatrix:
         """Derivatives by the entries of K, from the adjoint displacements."""
         from scipy.sparse import csr_array
 
-        K = self._stiffness
+        if self._path.model.latches is not None:
+            raise ValueError(
+                "derivatives by the entries of K are not available for a model with bolts: use "
+                "differences of results"
+            )
+        K = self._find_stiffness(0)
         rows = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
         # The steps of one degree of freedom side by side.
         adjoint = np.ascontiguousarray(load.T)
@@ -134,10 +166,12 @@ class Backward:
         gradient: CsrMatrix = csr_array((values, K.indices, K.indptr), shape=K.shape)
         return gradient
 
-    @cached_property
-    def _stiffness(self) -> CsrMatrix:
-        K: CsrMatrix = self._path.response.stiffness()
-        return K
+    def _find_stiffness(self, k: int) -> CsrMatrix:
+        """K, without the entries between the degrees of freedom that a step prescribes."""
+        response = self._path.responses[k]
+        if id(response) not in self._matrices:
+            self._matrices[id(response)] = response.stiffness()
+        return self._matrices[id(response)]
 
     def gradient(self, adjoint: Adjoint | None = None) -> Gradient:
         """The derivatives; ``adjoint`` computes those on first use in place of this."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
@@ -27,7 +28,8 @@ class LinearPath:
     """The steps of a path, linearised one after the other.
 
     ``model``: contact operator and shapes.
-    ``response``: how the contacts respond; by default the response of the last step's engine.
+    ``response``: how the contacts respond; by default the response of the engine, of the last
+    step for each set of bolts that are free.
     ``iterative``: whether results of the iterative engine are differentiated by it.
     ``mu``: friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
     ``kept``: whether the linearised steps are kept for further derivatives.
@@ -42,7 +44,8 @@ class LinearPath:
         *,
         iterative: bool = True,
     ) -> None:
-        if model.held is not None and model.held.dependent.size:
+        tied = model.held is not None and model.held.dependent.size
+        if tied and model.latches is None:
             raise ValueError(
                 "the model has a rigid set, a cyclic symmetry or a periodicity: "
                 "derivatives of its results are not available; use differences of results"
@@ -95,29 +98,64 @@ class LinearPath:
             for step in steps
         ]
         self.has_factor = True
-        self.response = response or self._make_response(iterative)
-        order = 0
-        if isinstance(self.response, CondensedResponse):
-            order = len(self.response.members) * self.shape[1] + self.response.motions
+        # Bytes of the free latches of each step; the response for each of these sets.
+        keys = [
+            b"" if step.tightened is None else step.tightened.tobytes()
+            for step in steps
+        ]
+        last = dict(zip(keys, steps, strict=True))
+        found = {
+            key: response or self._make_response(step, iterative)
+            for key, step in last.items()
+        }
+        self.responses = [found[key] for key in keys]
+        order = max(
+            len(one.members) * self.shape[1] + one.motions
+            if isinstance(one, CondensedResponse)
+            else 0
+            for one in found.values()
+        )
         self.kept = 8 * order**2 * (1 + len(steps)) <= tuning.KEPT_BYTES
         self._linear: dict[int, LinearisedStep] = {}
-        compliance = self.response.diagonal.mean(axis=1)
         # Without a factor the displacements are not known.
-        work = (
-            self.response.measure_work(steps, model.fixed)
-            if self.has_factor
-            else iter([0.0] * len(steps))
-        )
+        work = [0.0] * len(steps)
+        for first, end in self.spans if self.has_factor else ():
+            work[first:end] = self.responses[first].measure_work(
+                steps[first:end], self.list_fixed(first)
+            )
         self.borders = [
-            find_borders(point, compliance, step.tolerance, Terms(moved, done))
-            for point, step, moved, done in zip(
-                self.points, steps, self._moved, work, strict=True
+            find_borders(
+                point, own.diagonal.mean(axis=1), step.tolerance, Terms(moved, done)
+            )
+            for point, own, step, moved, done in zip(
+                self.points, self.responses, steps, self._moved, work, strict=True
             )
         ]
 
-    def _make_response(self, iterative: bool) -> PathResponse:
-        """The response of the engine that solved the last step."""
-        recovery = self.steps[-1].recovery
+    @property
+    def spans(self) -> list[tuple[int, int]]:
+        """First steps and ends of the parts of the path with one response."""
+        parts = groupby(range(len(self.steps)), lambda k: id(self.responses[k]))
+        members = [list(part) for _, part in parts]
+        return [(part[0], part[-1] + 1) for part in members]
+
+    def list_fixed(self, k: int) -> Ints:
+        """Degrees of freedom that are prescribed in a step."""
+        fixed, free = self.model.fixed, self.steps[k].tightened
+        if self.model.latches is None or free is None:
+            return fixed
+        return np.delete(fixed, self.model.latches.at[free])
+
+    def drop_free(self, k: int, prescribed: Floats) -> Floats:
+        """Prescribed displacements of the path, without those of free latches."""
+        free = self.steps[k].tightened
+        if self.model.latches is None or free is None:
+            return prescribed
+        return self.model.latches.drop_free(prescribed, free)
+
+    def _make_response(self, last: Step, iterative: bool) -> PathResponse:
+        """The response of the engine that solved a step."""
+        recovery = last.recovery
         if recovery is None:
             raise ValueError(LOST)
         self.has_factor = recovery.has_factor()
@@ -142,7 +180,7 @@ class LinearPath:
         """The linearised problem of a step."""
         if k in self._linear:
             return self._linear[k]
-        step = LinearisedStep(self.response, self.points[k], self.borders[k])
+        step = LinearisedStep(self.responses[k], self.points[k], self.borders[k])
         if self.kept:
             self._linear[k] = step
         return step

@@ -14,6 +14,7 @@ from bipot_rs._lib.validation import csr, floats, loads
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
 from bipot_rs.contact.results.derivatives import DataChange
+from bipot_rs.contact.results.latches import Latches
 
 
 class Inclined(Protocol):
@@ -25,6 +26,9 @@ class Inclined(Protocol):
 
     def load(self, force: Floats) -> Floats:
         """Forces without the reactions of these supports."""
+
+    def displacement(self, y: Floats) -> Floats:
+        """Displacements of all degrees of freedom, from the unknowns."""
 
     def prescribed(self, values: Floats) -> None:
         """Raise for displacements that these supports do not allow."""
@@ -40,6 +44,7 @@ class PathModel:
     # Whether the gaps of each step were given by component; None if there are none.
     gaps_by_component: bool | None = None
     held: Inclined | None = None  # nodes on inclined supports
+    latches: Latches | None = None  # bolts
 
     @property
     def n(self) -> int:

@@ -30,7 +30,14 @@ class Forward:
         self.reaction = np.zeros((steps, *shape))
         self.relative_displacement = np.zeros((steps, *shape))
         self.slip = np.zeros((steps, shape[0], shape[1] - 1))
-        self._amounts = np.zeros((steps, path.response.motions))
+        self._amounts = [np.zeros(one.motions) for one in path.responses]
+        latches = path.model.latches
+        # Change of what the latches keep, and of the prescribed displacements with it.
+        kept = np.zeros(0 if latches is None else len(latches.dofs))
+        self._moved = given.prescribed
+        if latches is not None:
+            moved = np.zeros((steps, len(path.model.fixed)))
+            self._moved = moved if self._moved is None else self._moved + moved
         self._load = given.load
         if given.stiffness is not None and displacement is not None:
             # K du + dK u = df.
@@ -39,6 +46,8 @@ class Forward:
         before = np.zeros((shape[0], shape[1] - 1))
         lifted = np.zeros(shape[0])
         for k in range(steps):
+            if latches is not None and self._moved is not None:
+                self._moved[k, latches.at] += kept
             free, balance = self._find_free_part(k)
             moved = free.copy()
             moved[:, 1:] -= before
@@ -49,6 +58,8 @@ class Forward:
                 path.linear(k), change
             )
             self.relative_displacement[k] = self._find_displacement(k, free)
+            if latches is not None:
+                kept = self._recover_displacements(k, k + 1)[0, latches.dofs]
             self.slip[k] = self.relative_displacement[k, :, 1:] - before
             before = self.relative_displacement[k, :, 1:]
             # The change of β ‖s‖, by which dilatancy lifts the contacts in a step.
@@ -61,43 +72,51 @@ class Forward:
     def _find_free_part(self, k: int) -> tuple[Floats, Floats]:
         """``dq (n_c, d)`` with the change of the gap, and ``de``."""
         path, changes = self._path, self._given
-        free, balance = np.zeros(path.shape), np.zeros(path.response.motions)
-        if self._load is not None or changes.prescribed is not None:
-            free, balance = path.response.free(*self._find_loads(k))
+        response = path.responses[k]
+        free, balance = np.zeros(path.shape), np.zeros(response.motions)
+        if self._load is not None or self._moved is not None:
+            free, balance = response.free(*self._find_loads(k))
         return (free if changes.gap is None else free + changes.gap[k]), balance
 
     def _find_loads(self, k: int) -> tuple[Floats, Floats]:
         model = self._path.model
-        load, moved = self._load, self._given.prescribed
+        load, moved = self._load, self._moved
+        prescribed = np.zeros(len(model.fixed)) if moved is None else moved[k]
         return (
             np.zeros(model.n) if load is None else np.ascontiguousarray(load[k]),
-            np.zeros(len(model.fixed)) if moved is None else moved[k],
+            self._path.drop_free(k, prescribed),
         )
 
     def _find_displacement(self, k: int, free: Floats) -> Floats:
         path, gap = self._path, self._given.gap
-        if path.response.whole:
-            return free + path.response.find_relative_motion(
+        response = path.responses[k]
+        if response.whole:
+            return free + response.find_relative_motion(
                 self.reaction[k], self._amounts[k]
             )
-        (u,) = self._recover_displacements([k])
+        (u,) = self._recover_displacements(k, k + 1)
         moved: Floats = (path.model.contact @ u).reshape(path.shape)
         return moved if gap is None else moved + gap[k]
 
-    def _recover_displacements(self, steps: list[int]) -> Floats:
+    def _recover_displacements(self, first: int, end: int) -> Floats:
+        """Derivatives of the displacements of steps with one response."""
         states = [
-            (*self._find_loads(k), self.reaction[k], self._amounts[k]) for k in steps
+            (*self._find_loads(k), self.reaction[k], self._amounts[k])
+            for k in range(first, end)
         ]
-        return self._path.response.displacements(states)
+        held = self._path.model.held
+        moved = self._path.responses[first].displacements(states)
+        if held is None or not held.dependent.size:
+            return moved
+        return np.stack([held.displacement(y) for y in moved])
 
     def displacement(self) -> Floats:
         """Derivatives of the displacements, ``(steps, n)``."""
-        count = len(self._path.steps)
+        size = tuning.DISPLACEMENTS_TOGETHER
         blocks = [
-            self._recover_displacements(
-                list(range(k, min(k + tuning.DISPLACEMENTS_TOGETHER, count)))
-            )
-            for k in range(0, count, tuning.DISPLACEMENTS_TOGETHER)
+            self._recover_displacements(k, min(k + size, end))
+            for first, end in self._path.spans
+            for k in range(first, end, size)
         ]
         return np.concatenate(blocks)
 

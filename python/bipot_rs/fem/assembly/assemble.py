@@ -15,11 +15,13 @@ from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.bodies.numbering import NumberedBodies, number_bodies
+from bipot_rs.fem.constraints.bolts import Bolt, cut_bodies
 from bipot_rs.fem.constraints.inclined_supports import Planes, make_planes
 from bipot_rs.fem.constraints.references import (
     Remote,
     make_references,
     obstacle_columns,
+    refuse_held_bolts,
     with_points,
 )
 from bipot_rs.fem.constraints.ties import make_ties
@@ -48,6 +50,7 @@ def assemble(
     springs: Sequence[Spring] = (),
     remotes: Sequence[Remote] = (),
     repetitions: Sequence[Repetition] = (),
+    bolts: Sequence[Bolt] = (),
     stiffness: bool = True,
 ) -> Assembly:
     """Assemble K, B and the contact data of elastic bodies.
@@ -67,6 +70,8 @@ def assemble(
         Sets of nodes that move with a reference point or that a force at it acts on.
     repetitions
         Cuts of cyclic symmetries and periodicities.
+    bolts
+        Shanks that are cut; `Assembly.bodies` are the bodies with their cuts.
     stiffness
         Whether K is assembled. It takes most of the memory of a body;
         `Assembly.stiffness_rows` makes parts of it.
@@ -80,6 +85,7 @@ def assemble(
         Names that do not exist or repeat, nodes of a pair that do not match,
         a normal of length zero: the message has the name and the place.
     """
+    bodies, shanks = cut_bodies(bodies, bolts)
     numbered = number_bodies(bodies)
     dim, n = numbered.dim, numbered.n
     for contact in contacts:
@@ -112,7 +118,7 @@ def assemble(
         frame_of_rows, met = met.frame, _turn_tangents(met, contacts, inclined)
         bare = turn_operator(met.frame, frame_of_rows, B)
         B = inclined.relative(bare)
-    points_of, relations = make_references(numbered, contacts, remotes)
+    points_of, relations = make_references(numbered, contacts, remotes, shanks)
     relations += [cut.relations() for cut in cuts]
     ties = None
     if points_of or relations:
@@ -122,6 +128,7 @@ def assemble(
         B = (B + obstacle_columns(contacts, met.group, met.frame, points_of, n)).tocsr()
         fixed = np.concatenate([fixed, *(point.fixed for point in points_of)])
         ties = make_ties(relations, fixed, with_points(nodes, points_of), inclined)
+        refuse_held_bolts(points_of, ties)
         B, fixed = ties.relative(B), ties.fixed
     path = gaps_of_steps(meetings, contacts, met.frame, inclined is not None)
     free = np.ones(n)

@@ -138,10 +138,10 @@ class Assembly:
     remotes : tuple of Remote
         As passed to `assemble`.
     references : tuple of bipot_rs.fem.constraints.references.Reference
-        Floating obstacles and rigid sets: their degrees of freedom follow those of the
-        nodes.
+        Floating obstacles, rigid sets and bolts: their degrees of freedom follow those of
+        the nodes.
     ties : bipot_rs.fem.constraints.ties.Ties or None
-        Relations of rigid sets and repetitions. K, B, the loads made here and `problem`
+        Relations of rigid sets, repetitions and bolts. K, B, the loads made here and `problem`
         include them.
     images : tuple of bipot_rs.fem.constraints.repetition.Images
         The nodes of the cuts of cyclic symmetries and periodicities.
@@ -184,6 +184,11 @@ class Assembly:
     def bodies(self) -> tuple[Body, ...]:
         """The bodies as passed to `assemble`."""
         return tuple(numbered.body for numbered in self.numbered.values())
+
+    @property
+    def bolts(self) -> tuple[Reference, ...]:
+        """The bolts among `references`."""
+        return tuple(one for one in self.references if one.kind == "bolt")
 
     @property
     def offset(self) -> tuple[int, ...]:
@@ -413,6 +418,7 @@ class Assembly:
                 _held=self.inclined if self.ties is None else self.ties,
                 _steps=steps,
                 _kinematics=self._find_kinematics(),
+                _latches=self._find_latches(),
                 bodies=first_dofs,
             )
         except ValueError as error:
@@ -447,6 +453,13 @@ class Assembly:
         reason = describe_soft(f"body {body.name!r}", motion, cells)
         return with_message(error, reason)
 
+    def _find_latches(self) -> tuple[Ints, Floats] | None:
+        """Degrees of freedom of the shortenings of bolts, and the part of each force here."""
+        if not self.bolts:
+            return None
+        dofs = np.array([one.first for one in self.bolts], np.int64)
+        return dofs, np.array([one.share for one in self.bolts])
+
     def _find_support(self, contact: int) -> str | None:
         """``support 'body.surface'`` for a support of the nodes of a contact."""
         rows = self.dim * contact + np.arange(self.dim)
@@ -475,7 +488,9 @@ class Assembly:
         places[:, :d] = np.repeat(points, d, axis=0)
         motions = rigid_motions(points - centre, reach).reshape(self.n, -1)
         for point in self.references:
-            if point.arm is not None:
+            if point.kind == "bolt":
+                motions[point.dofs] = 0.0
+            elif point.arm is not None:
                 motions[point.first + d : point.first + 2 * d] = 0.0
                 # About the line of its nodes, a rigid set does not turn with the body.
                 turns = np.eye(len(point.turns)) - point.idle.T @ point.idle

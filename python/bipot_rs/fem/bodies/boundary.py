@@ -121,6 +121,8 @@ def surface(
     within: Box | None = None,
     normal: ArrayLike | None = None,
     angle: float = 30.0,
+    *,
+    inside: bool = False,
 ) -> Ints:
     """Select boundary facets of a mesh by position and direction, ascending.
 
@@ -136,6 +138,8 @@ def surface(
     angle
         Largest angle between ``normal`` and the mean normal of a facet, in (0, 180)
         [degrees].
+    inside
+        Select facets between cells instead, for the section of a bolt.
 
     Raises
     ------
@@ -145,7 +149,7 @@ def surface(
     dim = kind_of(mesh).dim
     if within is None and normal is None:
         raise ValueError("surface needs within or normal")
-    facets = np.asarray(mesh.boundary_facets(), dtype=np.int64)
+    facets = np.flatnonzero((np.asarray(mesh.f2t)[1] >= 0) == inside)
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
     x = mesh.p[:, facet_nodes(mesh, facets)]
     keep = np.ones(len(facets), dtype=np.bool_)
@@ -174,12 +178,13 @@ def surface(
         # Facets at exactly this angle belong, whatever the rounding.
         keep &= cosine >= np.cos(np.deg2rad(angle)) - 1e-9
     if not keep.any():
+        kind = "inner" if inside else "boundary"
         ranges = ", ".join(
             f"{'xyz'[k]} from {low[k]:g} to {high[k]:g}" for k in range(dim)
         )
         raise ValueError(
-            f"no boundary facet matches: the mesh has {ranges}, and {len(facets)} "
-            "boundary facets"
+            f"no {kind} facet matches: the mesh has {ranges}, and {len(facets)} "
+            f"{kind} facets"
         )
     return facets[keep]
 

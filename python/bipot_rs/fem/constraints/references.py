@@ -25,7 +25,8 @@ from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Box
 from bipot_rs.fem.bodies.numbering import NumberedBodies
-from bipot_rs.fem.constraints.ties import Relations
+from bipot_rs.fem.constraints.bolts import Cut
+from bipot_rs.fem.constraints.ties import Relations, Ties
 from bipot_rs.fem.contact.contact import Contact, Floating, rigid_obstacle
 
 # Directions in which the nodes of a set differ by less than this, relative to their
@@ -85,7 +86,7 @@ class Reference:
     name
         That of the obstacle or the set.
     kind
-        ``"obstacle"`` or ``"rigid set"``.
+        ``"obstacle"``, ``"rigid set"`` or ``"bolt"``, whose first translation is the shortening.
     point : (d,)
         Position [m].
     first
@@ -100,6 +101,8 @@ class Reference:
         Rotations that move no node of the set: those about the line of its nodes.
     whole
         Name of the body whose nodes all belong to the set, or None.
+    share
+        Part of a bolt that is modelled.
     """
 
     name: str
@@ -112,6 +115,7 @@ class Reference:
     rotations: tuple[int, ...]
     idle: Floats = field(repr=False)
     whole: str | None = None
+    share: float = 1.0
 
     @property
     def nodes(self) -> int:
@@ -136,6 +140,7 @@ class Reference:
             f"values of the reference point {self.name!r}",
             given,
             shape=(len(self.components) + len(self.rotations),),
+            finite=self.kind != "bolt",
         ).tolist()
         known = dict.fromkeys(self.fixed.tolist(), 0.0)
         moved = len(self.components)
@@ -182,8 +187,9 @@ def make_references(
     bodies: NumberedBodies,
     contacts: Sequence[Contact],
     remotes: Sequence[Remote],
+    cuts: Sequence[Cut] = (),
 ) -> tuple[tuple[Reference, ...], list[Relations]]:
-    """Number the reference points, and make the relations of rigid sets.
+    """Number the reference points, and make the relations of rigid sets and bolts.
 
     Raises
     ------
@@ -218,10 +224,15 @@ def make_references(
         found.append(own)
         relations += relation
         first += 2 * dim
+    for cut in cuts:
+        bolt, section = _shortened(bodies, cut, first)
+        found.append(bolt)
+        relations.append(section)
+        first += dim
     names = [one.name for one in found] + [r.name for r in remotes if r.distributed]
     if len(set(names)) < len(names):
         raise ValueError(
-            f"names of floating obstacles and remotes repeat: {names}, expected different "
+            f"names of floating obstacles, remotes and bolts repeat: {names}, expected different "
             "names"
         )
     return tuple(found), relations
@@ -308,6 +319,17 @@ def rotations(arms: Floats) -> Floats:
     return rigid_motions(arms)[:, :, arms.shape[1] :]
 
 
+def refuse_held_bolts(found: Sequence[Reference], ties: Ties) -> None:
+    """Raise if supports prescribe both sides of a section along the axis of its bolt."""
+    for one in found:
+        if one.kind == "bolt" and ties.given[:, [one.first]].count_nonzero():
+            raise ValueError(
+                f"section of the bolt {one.name!r}: a support holds its nodes along the axis "
+                "of the bolt, so that no force can shorten it; exclude them by within, or "
+                "move the section"
+            )
+
+
 def reference_named(found: Sequence[Reference], name: str) -> Reference:
     """The reference point of this name; `ValueError` lists the known names."""
     for one in found:
@@ -383,6 +405,32 @@ def _refuse_far(remote: Remote, extent: float, reach: float) -> None:
         f"{extent:g}: displacements would lose their digits; choose a point near the nodes, "
         "and add the moment of the force about it"
     )
+
+
+def _shortened(
+    bodies: NumberedBodies, cut: Cut, first: int
+) -> tuple[Reference, Relations]:
+    """The shortening of a bolt, and the relations of its section."""
+    own, d = bodies[cut.bolt.body], bodies.dim
+    dofs = np.empty((len(cut.nodes), d, 3), np.int64)
+    dofs[:, :, 0], dofs[:, :, 1] = own.dofs[cut.copies], own.dofs[cut.nodes]
+    dofs[:, :, 2] = first
+    coefficients = np.empty(dofs.shape)
+    coefficients[:, :, 0], coefficients[:, :, 1] = 1.0, -1.0
+    coefficients[:, :, 2] = cut.axis
+    made = Reference(
+        name=cut.bolt.name,
+        kind="bolt",
+        point=cut.centre,
+        first=first,
+        arm=None,
+        fixed=first + np.arange(d),
+        components=(0,),
+        rotations=(),
+        idle=np.zeros((0, 0)),
+        share=cut.bolt.share,
+    )
+    return made, Relations(dofs.reshape(-1, 3), coefficients.reshape(-1, 3))
 
 
 def _rigid(

@@ -61,6 +61,7 @@ def inconsistencies(
         *_contacts(scene, known, dim),
         *_obstacles(scene, dim),
         *check_remotes(scene, dim),
+        *check_bolts(scene, known, dim),
         *check_repetitions(scene, dim),
         *_path(scene),
         *_wear(scene),
@@ -486,6 +487,36 @@ def check_remotes(scene: Scene, dim: int | None) -> Iterator[Mistake]:
                     f"remove it or {place}.{held}.{AXES[k]}: "
                     "a component is either prescribed or loaded",
                 )
+
+
+def check_bolts(
+    scene: Scene, known: Mapping[str, Known], dim: int | None
+) -> Iterator[Mistake]:
+    """Sections of bolts, their steps and names."""
+    count = scene.path.count()
+    titles = [*scene.remote, *scene.obstacle]
+    for i, bolt in enumerate(scene.bolt):
+        place = f"bolt.{i}"
+        if bolt.plane is None:
+            yield from _surface(known, f"{place}.section", bolt.section)
+        else:
+            if bolt.section not in scene.body:
+                yield _unknown(f"{place}.section", "body", bolt.section, scene.body)
+            yield from _length(f"{place}.plane.point", bolt.plane.point, dim)
+            yield from _axis(f"{place}.plane.normal", bolt.plane.normal, dim)
+        first, last = bolt.step
+        if not first <= last <= count:
+            yield Mistake(
+                f"{place}.step",
+                f"is {bolt.step}, expected the first and the last load step that tighten the "
+                f"bolt, from 1 to {count}",
+            )
+        if bolt.title in titles:
+            yield Mistake(
+                f"{place}.name",
+                f"should be another name than {bolt.title!r}, which exists",
+            )
+        titles.append(bolt.title)
 
 
 def _axes(

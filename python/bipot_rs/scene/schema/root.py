@@ -28,7 +28,7 @@ from bipot_rs.scene.schema.table import (
     no_entries,
     no_tables,
 )
-from bipot_rs.scene.schema.tie import CyclicTable, PeriodicTable, RemoteTable
+from bipot_rs.scene.schema.tie import BoltTable, CyclicTable, PeriodicTable, RemoteTable
 
 # Cells of an element, by dimension.
 _CARRIES = {
@@ -94,6 +94,7 @@ class Scene(Table):
     cyclic: list[CyclicTable] = Field(default_factory=no_entries)
     periodic: list[PeriodicTable] = Field(default_factory=no_entries)
     remote: dict[str, RemoteTable] = Field(default_factory=no_tables)
+    bolt: list[BoltTable] = Field(default_factory=no_entries)
     spring: list[Foundation] = Field(default_factory=no_entries)
     traction: list[Traction] = Field(default_factory=no_entries)
     pressure: list[Pressure] = Field(default_factory=no_entries)
@@ -175,6 +176,8 @@ class Scene(Table):
         for i, strain in enumerate(self.strain):
             end = "" if strain.temperature is None else ".temperature"
             yield f"strain.{i}{end}", strain.factor
+        for i, bolt in enumerate(self.bolt):
+            yield f"bolt.{i}.force", bolt.force
         for name, rigid in self.obstacle.items():
             for end, number in rigid.varying().items():
                 yield f"obstacle.{name}.{end}", number
@@ -184,7 +187,7 @@ class Scene(Table):
 
     def tied(self) -> str | None:
         """Key of the first table that ties degrees of freedom to others; None without one."""
-        for kind in ("cyclic", "periodic"):
+        for kind in ("cyclic", "periodic", "bolt"):
             if getattr(self, kind):
                 return f"{kind}.0"
         for name, point in self.remote.items():

@@ -4,7 +4,10 @@ import re
 from collections.abc import Sequence
 from typing import Annotated, TypeAlias, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+
+from bipot_rs._lib.types import Floats
 
 AXES = ("x", "y", "z")
 # Cells along an axis, and load steps: a larger number is a typing error.
@@ -54,6 +57,10 @@ class Varying(Table):
 
     value: float
     amplitude: str | None = None
+
+    def constant(self, ends: Floats) -> Floats:
+        """Factors at the ends of steps without an amplitude."""
+        return np.minimum(ends, 1.0)
 
 
 Component = Annotated[Varying, wrap("value")]

@@ -1,13 +1,17 @@
-"""Tables of remote points, cyclic symmetries and periodicities."""
+"""Tables of remote points, bolts, cyclic symmetries and periodicities."""
 
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.scene.schema.contact import PlaneTable
 from bipot_rs.scene.schema.mesh import Within
 from bipot_rs.scene.schema.table import (
     AXES,
     MOST,
+    Component,
     Components,
     Table,
     Varying,
@@ -48,6 +52,62 @@ class RemoteTable(Table):
             for key, numbers in self.given().items()
             for k, number in numbers.items()
         }
+
+
+class Tightening(Varying):
+    """The force of a bolt; without an amplitude it grows from step ``first`` to ``last``."""
+
+    first: int
+    last: int
+
+    def constant(self, ends: Floats) -> Floats:
+        """Factors at the ends of steps: one at the end of ``last`` and after it."""
+        return np.clip((ends - self.first + 1) / (self.last - self.first + 1), 0.0, 1.0)
+
+
+class BoltTable(Table):
+    """A bolt: its shank is cut at ``section``, and tightened by ``force``.
+
+    ``section`` is a surface across the shank, ``"body.surface"``; or a body, which ``plane``
+    cuts. In the load steps from ``step[0]`` to ``step[1]``, counted from 1, the force
+    determines how much the shank is shortened; other steps keep the shortening. The force is
+    that of the whole bolt, positive for tension; with ``half`` a plane of symmetry divides it.
+    Tables name the bolt by ``name``, by default its section.
+    """
+
+    section: str
+    force: Component
+    step: Annotated[
+        list[Annotated[int, Field(ge=1, le=MOST)]], Field(min_length=2, max_length=2)
+    ]
+    plane: PlaneTable | None = None
+    half: bool = False
+    name: str | None = None
+
+    @property
+    def title(self) -> str:
+        """Name in tables."""
+        return self.section if self.name is None else self.name
+
+    @property
+    def share(self) -> float:
+        """Part of the bolt that is modelled."""
+        return 0.5 if self.half else 1.0
+
+    @property
+    def tightening(self) -> Tightening:
+        """The force along the path."""
+        first, last = self.step
+        return Tightening(
+            value=self.force.value,
+            amplitude=self.force.amplitude,
+            first=first,
+            last=last,
+        )
+
+    def is_tightened(self, ends: Floats) -> Bools:
+        """Whether the force determines the shortening in steps with these ends."""
+        return (ends > self.step[0] - 1) & (ends <= self.step[1])
 
 
 class CyclicTable(Table):

@@ -1,0 +1,121 @@
+"""Latches: displacements that are free in some load steps, and keep in others what they reached.
+
+The shortening of a bolt is one: a force determines it in the steps that tighten, and later steps
+prescribe it. In the prescribed displacements of a step, NaN stands for a free latch; a number is
+the change since it was last free. Each set of free latches has a K of its own, prepared once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import bipot_rs._core as _core
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
+from bipot_rs.contact.results.solution import Recovery, Step
+
+
+@dataclass(frozen=True, eq=False)
+class Latches:
+    """The latches of a problem.
+
+    Attributes
+    ----------
+    dofs : (m,)
+        Their degrees of freedom, among the prescribed ones.
+    share : (m,)
+        Part of each force that the model contains.
+    fixed : (fixed,)
+        All prescribed degrees of freedom, ascending.
+    rows : sparse (m, n)
+        Their rows of K.
+    """
+
+    dofs: Ints
+    share: Floats
+    fixed: Ints
+    rows: CsrMatrix
+
+    @property
+    def at(self) -> Ints:
+        """Their places among the prescribed degrees of freedom."""
+        return np.searchsorted(self.fixed, self.dofs)
+
+    def find_free(self, prescribed: Floats) -> Bools:
+        """Which are free in a step, ``(m,)``."""
+        return np.isnan(prescribed[self.at])
+
+    def fill(self, prescribed: Floats, before: Step | None) -> Floats:
+        """Prescribed displacements with what the latches keep, of which free ones ignore theirs."""
+        filled = prescribed.copy()
+        filled[self.at] = np.nan_to_num(prescribed[self.at])
+        if before is not None and before.shortening is not None:
+            filled[self.at] += before.shortening
+        return filled
+
+    def drop_free(self, prescribed: Floats, free: Bools) -> Floats:
+        """Those of the degrees of freedom that are prescribed while some latches are free."""
+        return np.delete(prescribed, self.at[free])
+
+    def check_start(self, start: Step | None) -> None:
+        """Refuse a start that does not say what the latches have reached."""
+        if start is None:
+            return
+        kept = start.shortening
+        if kept is None or kept.shape != self.dofs.shape:
+            raise ValueError(
+                f"start has {'no' if kept is None else len(kept)} shortenings of bolts, "
+                f"expected {len(self.dofs)}: pass a result of this problem, or "
+                "State(shortening=...) with one for each bolt"
+            )
+
+    def is_continued(self, at: Step | None, free: Bools) -> bool:
+        """Whether a step had the same free latches."""
+        return (
+            at is not None
+            and at.tightened is not None
+            and np.array_equal(at.tightened, free)
+        )
+
+    def complete(self, step: Step, pushed: Floats, free: Bools) -> Step:
+        """A step with the shortening and the force of each bolt.
+
+        ``pushed (n,)`` are the forces of the contacts, ``Bᵀ r``.
+        """
+        u = step.displacement
+        force = self.rows @ u - pushed[self.dofs]
+        if step.load is not None:
+            force[free] = step.load[self.dofs[free]]
+        return replace(
+            step,
+            shortening=u[self.dofs],
+            bolt_force=force / self.share,
+            tightened=free,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LatchedRecovery:
+    """Displacements of a step, whose engine has other prescribed ones than the path."""
+
+    recovery: Recovery
+    prescribed: Floats
+
+    def has_factor(self) -> bool:
+        """As `Recovery`."""
+        return self.recovery.has_factor()
+
+    def primal(self) -> _core.Primal | None:
+        """As `Recovery`."""
+        return self.recovery.primal()
+
+    def condensed(self) -> _core.Condensed:
+        """As `Recovery`."""
+        return self.recovery.condensed()
+
+    def recover(self, steps: Sequence[Step], /) -> Floats:
+        """As `Recovery`."""
+        own = [replace(step, prescribed=self.prescribed) for step in steps]
+        return self.recovery.recover(own)

@@ -1,0 +1,238 @@
+"""Bolts: a shank is cut, and its two sides are tied up to one shortening along its axis.
+
+The nodes of the section get copies, which the cells above it use. With the axis a, which points
+from the lower to the upper side, and the shortening s, the only unknown that a bolt adds,
+
+    u_copy = u_node - s a.
+
+A force F at s is the tension of the section: the sides are pulled together, and F does the work
+F δs. A prescribed s keeps the shortening, and its reaction is then the force. Loads, springs and
+stresses of the cells above act on the copies, and so on s by Tᵀ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from bipot_rs._lib.messages import place
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.mesh.elements import cell_nodes, facet_nodes, kind_of, make_mesh
+from bipot_rs.mesh.kinds import ElementMesh
+
+# The mean normal of a section, relative to the mean size of its normals, below which it has no
+# direction: that of a closed surface is rounding.
+_CLOSED = 1e-6
+
+
+@dataclass(frozen=True)
+class Bolt:
+    """A bolt whose force determines its shortening in some load steps.
+
+    Parameters
+    ----------
+    name
+        Unique among bolts, remotes and floating obstacles.
+    body
+        Name of the body, of which the shank is a part.
+    section
+        A named surface through the shank, whose facets are inside the body; or a plane, its
+        point and its normal, near which the shank is cut along facets.
+    share
+        Part of the bolt that is modelled: 0.5 if a plane of symmetry divides it. The force at
+        the shortening is this part of the force of the bolt.
+    """
+
+    name: str
+    body: str
+    section: str | tuple[Sequence[float], Sequence[float]]
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The section of a bolt in the body that was cut: nodes, their copies, axis and centre."""
+
+    bolt: Bolt
+    nodes: Ints
+    copies: Ints
+    axis: Floats
+    centre: Floats
+
+
+def cut_bodies(
+    bodies: Sequence[Body], bolts: Sequence[Bolt]
+) -> tuple[list[Body], list[Cut]]:
+    """Cut the shanks of bolts.
+
+    Raises
+    ------
+    ValueError
+        A name does not exist or repeats, or a section does not cut one shank in two.
+    """
+    if not bolts:
+        return list(bodies), []
+    whole = {body.name: body for body in bodies}
+    cuts: list[Cut] = []
+    for bolt in bolts:
+        if bolt.body not in whole:
+            raise ValueError(
+                f"section of the bolt {bolt.name!r}: there is no body {bolt.body!r}, expected "
+                f"one of {', '.join(whole)}"
+            )
+        whole[bolt.body], number, cut = _cut(whole[bolt.body], bolt)
+        # Earlier sections of the same body have other numbers now.
+        cuts = [
+            replace(c, nodes=number[c.nodes], copies=number[c.copies])
+            if c.bolt.body == bolt.body
+            else c
+            for c in cuts
+        ]
+        cuts.append(cut)
+    return list(whole.values()), cuts
+
+
+def _cut(body: Body, bolt: Bolt) -> tuple[Body, Ints, Cut]:
+    """The body with copies of the nodes of a section, new numbers of its nodes, the section."""
+    mesh, count = body.mesh, len(body.points)
+    facets, upper, axis = _find_section(body, bolt)
+    above = _find_upper_part(mesh, facets, upper, bolt)
+    nodes = np.unique(facet_nodes(mesh, facets)).astype(np.int64)
+    copy = np.arange(count)
+    copy[nodes] = count + np.arange(len(nodes))
+    cells = cell_nodes(mesh).copy()
+    cells[above] = copy[cells[above]]
+    kind, points = kind_of(mesh), np.vstack([body.points, body.points[nodes]])
+    made, old = make_mesh(kind.vtk, points, cells[:, kind.order_of_vtk])
+    number = np.argsort(old)
+    for name, cells_of_volume in (mesh.subdomains or {}).items():
+        made = made.with_subdomains({name: cells_of_volume})
+    made = made.with_boundaries(
+        {
+            name: _renumber_facets(mesh, made, np.asarray(own, np.int64))
+            for name, own in (mesh.boundaries or {}).items()
+            if name != bolt.section
+        }
+    )
+    centre = np.asarray(body.points[nodes].mean(axis=0), np.float64)
+    cut = Cut(bolt, number[nodes], number[copy[nodes]], axis, centre)
+    return Body(body.name, made, body.material), number, cut
+
+
+def _find_section(body: Body, bolt: Bolt) -> tuple[Ints, Ints, Floats]:
+    """Facets of a section, the cell above each of them, and the axis."""
+    mesh = body.mesh
+    sides = np.asarray(mesh.f2t, np.int64)
+    middle = mesh.p[:, mesh.t].mean(axis=1).T
+    if isinstance(bolt.section, str):
+        facets = body.facets(bolt.section)
+        if (sides[1, facets] < 0).any():
+            at = mesh.p[:, mesh.facets[:, facets[np.argmin(sides[1, facets])]]]
+            raise _refuse(
+                bolt,
+                f"is on the boundary of the body at {place(at.mean(axis=1))}: choose a "
+                "surface through the shank, between its head and its thread",
+            )
+        corners = mesh.p[:, mesh.facets[:, facets]]
+        edges = corners[:, 1:] - corners[:, :1]
+        if body.dim == 2:
+            areas = np.stack([edges[1, 0], -edges[0, 0]], axis=1)
+        else:
+            areas = np.cross(edges[:, 0].T, edges[:, -1].T)
+        apart = np.diff(middle[sides[:, facets]], axis=0)[0]
+        # All normals to one side of the first facet, as far as neighbours agree.
+        areas *= np.sign(np.sum(areas * apart, axis=1))[:, None]
+        areas *= np.where(areas @ areas[0] < 0, -1.0, 1.0)[:, None]
+        axis = areas.sum(axis=0)
+        if np.linalg.norm(axis) <= _CLOSED * np.linalg.norm(areas, axis=1).sum():
+            raise _refuse(
+                bolt, "has no direction: choose a surface that is nearly flat"
+            )
+        high = np.sum(apart * axis, axis=1) > 0
+    else:
+        point, normal = (np.asarray(part, np.float64) for part in bolt.section)
+        if point.shape != (body.dim,) or normal.shape != (body.dim,):
+            raise _refuse(bolt, f"needs a point and a normal of {body.dim} numbers")
+        axis = normal
+        if not np.linalg.norm(axis) > 0:
+            raise _refuse(
+                bolt, "has a normal of length zero: give the axis of the bolt"
+            )
+        # Cells whose middle is on the plane up to rounding are below it.
+        slack = 1e-9 * np.ptp(mesh.p) * np.linalg.norm(axis)
+        over = (middle - point) @ axis > slack
+        facets = np.flatnonzero((sides[1] >= 0) & (over[sides[0]] != over[sides[1]]))
+        if not facets.size:
+            low, high_end = mesh.p.min(axis=1), mesh.p.max(axis=1)
+            raise _refuse(
+                bolt,
+                f"does not meet body {body.name!r}, which extends from {place(low)} to "
+                f"{place(high_end)}: move the point of the plane into the shank",
+            )
+        high = over[sides[1, facets]]
+    upper = np.where(high, sides[1, facets], sides[0, facets])
+    return facets, upper, np.asarray(axis / np.linalg.norm(axis), np.float64)
+
+
+def _find_upper_part(mesh: ElementMesh, facets: Ints, upper: Ints, bolt: Bolt) -> Bools:
+    """The cells above a section, ``(cells,)``."""
+    corners = np.asarray(mesh.facets, np.int64)[:, facets]
+    links = sparse.coo_array(
+        (
+            np.ones(corners[1:].size),
+            (np.tile(corners[0], len(corners) - 1), corners[1:].ravel()),
+        ),
+        shape=(mesh.p.shape[1],) * 2,
+    )
+    patches = sparse.csgraph.connected_components(links, directed=False)[1]
+    several = len(np.unique(patches[corners])) - 1
+    if several:
+        first, other = (
+            place(mesh.p[:, corners[:, patches[corners[0]] == patch][0]].mean(axis=1))
+            for patch in np.unique(patches[corners])[:2]
+        )
+        raise _refuse(
+            bolt,
+            f"cuts the body at several places, near {first} and {other}: make each shank a "
+            "body of its own, or name the section of one shank as a surface",
+        )
+    sides = np.asarray(mesh.f2t, np.int64)
+    inner = sides[1] >= 0
+    inner[facets] = False
+    parts = sparse.csgraph.connected_components(
+        sparse.coo_array(
+            (np.ones(inner.sum()), sides[:, inner]), shape=(mesh.nelements,) * 2
+        ),
+        directed=False,
+    )[1]
+    lower = sides[:, facets].sum(axis=0) - upper
+    if np.intersect1d(parts[upper], parts[lower]).size:
+        at = place(mesh.p[:, corners].mean(axis=(1, 2)))
+        raise _refuse(
+            bolt,
+            f"does not go through the shank at {at}: cells on both sides are still "
+            "connected; choose a section that cuts the bolt in two",
+        )
+    above: Bools = np.isin(parts, parts[upper])
+    return above
+
+
+def _refuse(bolt: Bolt, why: str) -> ValueError:
+    section = bolt.section
+    where = f"{bolt.body}.{section}" if isinstance(section, str) else "plane"
+    return ValueError(f"section of the bolt {bolt.name!r}: the {where} {why}")
+
+
+def _renumber_facets(mesh: ElementMesh, made: ElementMesh, facets: Ints) -> Ints:
+    """Numbers of facets in a mesh whose cells are at the same places in the same order."""
+    cells = np.asarray(mesh.f2t, np.int64)[0, facets]
+    at = mesh.p[:, mesh.facets[:, facets]].mean(axis=1)
+    own = np.asarray(made.t2f, np.int64)[:, cells]
+    there = made.p[:, made.facets[:, own]].mean(axis=1)
+    nearest = np.argmin(np.sum((there - at[:, None]) ** 2, axis=0), axis=0)
+    numbers: Ints = np.unique(own[nearest, np.arange(len(facets))]).astype(np.int64)
+    return numbers
