@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -95,9 +96,9 @@ class Deck:
         self._read()
         for step in self._steps:
             times = {step.period}
-            for table, offset in (self._table(s, step) for s in step.sections):
-                within = table[:, 0] - offset
-                times |= {t for t in within.tolist() if 0 < t < step.period}
+            for section in step.sections:
+                within = self._curve(section.named("AMPLITUDE"), step)[:, 0].tolist()
+                times |= {t for t in within if 0 < t < step.period}
             step.times = sorted(times)
             self._name_faces(step)
 
@@ -172,11 +173,10 @@ class Deck:
                 self._note(section, "is not taken")
         self._split(sectioned)
 
-    def _table(self, section: Section, step: _LoadStep) -> tuple[Floats, float]:
-        """The amplitude of a load, and the time of the step from which it counts."""
-        name = section.named("AMPLITUDE")
+    def _curve(self, name: str, step: _LoadStep) -> Floats:
+        """Times in a step and factors of an amplitude; empty without one."""
         table, total = self._amplitudes.get(name, (np.zeros((0, 2)), False))
-        return table, total * step.start
+        return table - [total * step.start, 0.0]
 
     def _split(self, sectioned: Sequence[Section]) -> None:
         """Bodies: parts of the mesh that share no node, with their materials."""
@@ -229,13 +229,11 @@ class Deck:
     def model(self, mesh: Path, file: str) -> Model:
         """The scene, whose bodies are parts of ``mesh``, which it calls ``file``."""
         m = Model(self.path.stem)
-        for name in dict.fromkeys(
-            name for piece in self._pieces.values() for name in piece.materials.values()
-        ):
+        each = [p.materials.values() for p in self._pieces.values()]
+        for name in dict.fromkeys(chain(*each)):
             if name not in self._elastic:
-                raise ValueError(
-                    f"{self.path}: material {name!r} has no isotropic *ELASTIC"
-                )
+                what = f"material {name!r} has no isotropic *ELASTIC"
+                raise ValueError(f"{self.path}: {what}")
             young, poisson = self._elastic[name]
             m.material(_word(name), young=young, poisson=poisson)
         for name, piece in self._pieces.items():
@@ -248,12 +246,9 @@ class Deck:
                 piece.surfaces[surface.upper()] = surface, set(nodes)
             materials = {part: _word(word) for part, word in piece.materials.items()}
             only = len(group) == 1
-            table: dict[str, object] = {
-                "file": file,
-                "group": group[0] if only else group,
-            }
+            parts = {"file": file, "group": group[0] if only else group}
             material = materials[group[0]] if only else materials
-            m.body(name, mesh=table, material=material, **piece.plane)
+            m.body(name, mesh=parts, material=material, **piece.plane)
         self._support(m)
         self._load(m)
         self._touch(m)
@@ -277,9 +272,8 @@ class Deck:
         one = int(word) if word.isdecimal() else -1
         numbers = mesh.find_set(mesh.nodes_of, word) or [one]
         if not all(number in mesh.node for number in numbers):
-            raise ValueError(
-                f"{section.path}, line {line}: there are no nodes {word!r}"
-            )
+            where = f"{section.path}, line {line}"
+            raise ValueError(f"{where}: there are no nodes {word!r}")
         wanted = {(*mesh.places[mesh.node[n]], 0.0)[:3] for n in numbers}
         for body, piece in self._pieces.items():
             d = piece.points.shape[1]
@@ -311,11 +305,11 @@ class Deck:
             renewed = {s.word for s in step.sections if s.named("OP") == "NEW"}
             kept = 0.0 if kind in renewed and kind != "BOUNDARY" else before
             end, amplitude = changes.get(k, (kept, ""))
-            table, total = self._amplitudes.get(amplitude, (np.zeros((0, 2)), False))
+            curve = self._curve(amplitude, step)
             for t in step.times:
                 value = before + (end - before) * t / step.period
-                if len(table):
-                    value = end * float(np.interp(t + total * step.start, *table.T))
+                if len(curve):
+                    value = end * float(np.interp(t, *curve.T))
                 values.append(value)
         largest = max(values, key=abs)
         factors = tuple(v / largest if largest else 1.0 for v in values)
@@ -342,19 +336,15 @@ class Deck:
                 for dof in range(dofs[0] - 1, min(dofs[1], 3)):
                     held = found.setdefault(str(keys), (keys, {}))[1]
                     if k and dof not in held:
-                        self._note(
-                            section, "begins after step 1 and is not taken", line
-                        )
+                        self._note(section, "begins after step 1: not taken", line)
                     else:
                         change = value, section.named("AMPLITUDE")
                         held.setdefault(dof, {})[k] = change
         for keys, held in found.values():
             d = self._pieces[keys["on"].partition(".")[0]].points.shape[1]
-            parts = {
-                AXES[k]: self._number("BOUNDARY", c) for k, c in held.items() if k < d
-            }
-            if parts:
-                m.support(**keys, **parts)
+            each = [(k, self._number("BOUNDARY", c)) for k, c in held.items() if k < d]
+            if each:
+                m.support(**keys, **{AXES[k]: number for k, number in each})
 
     def _load(self, m: Model) -> None:
         """Pressures, tractions, gravity, and forces on nodes that make up a surface."""
@@ -376,28 +366,27 @@ class Deck:
             taken = False
             if word == "CLOAD" and label in ("1", "2", "3"):
                 for keys, count in self._places(section, line, place, each=True):
-                    force = forces.setdefault(str(keys), (keys, {}))[1]
+                    # A node may have the loads of several sets.
+                    force = forces.setdefault(f"{place} {keys}", (keys, {}))[1]
                     number = self._number(word, changes)
                     force[AXES[int(label) - 1]] = _scale(number, count)
                     if "at" not in keys:
-                        why = f"on {place} is spread over its surface"
-                        self._note(section, why, line)
+                        self._note(section, f"on {place} is spread evenly", line)
                     taken = True
             direction = np.array(section.reals(line, rest))
-            name = place if word == "DSLOAD" else _word(f"{place}_{label}")
-            for body, piece in self._pieces.items():
-                surface, _ = piece.surfaces.get(name.upper(), ("", set()))
-                on = f"{body}.{surface}"
-                if surface and re.fullmatch("P[1-6]?", label):
+            for on in self._on(
+                place if word == "DSLOAD" else _word(f"{place}_{label}")
+            ):
+                if re.fullmatch("P[1-6]?", label):
                     m.pressure(on, self._number(word, changes))
-                elif surface and label == "TRVEC":
+                    taken = True
+                elif label == "TRVEC":
                     unit = direction / np.linalg.norm(direction)
                     m.traction(on, **self._vector(word, changes, unit))
-                elif label == "GRAV" and (density := self._mass(piece, place)):
-                    weight = density * direction
-                    m.body_force(body, **self._vector(word, changes, weight))
-                else:
-                    continue
+                    taken = True
+            for body, density in self._masses(place) if label == "GRAV" else ():
+                weight = density * direction
+                m.body_force(body, **self._vector(word, changes, weight))
                 taken = True
             if not taken:
                 self._note(section, f"{label} on {place} is not taken", line)
@@ -416,49 +405,37 @@ class Deck:
         each = zip(AXES, parts.tolist(), strict=False)
         return {axis: _scale(number, part) for axis, part in each if part}
 
-    def _mass(self, piece: _Piece, place: str) -> float | None:
-        """Density of a body that is part of a set; None without one."""
-        cells = self._mesh.find_set(self._mesh.cells_of, place) or ()
-        densities = {self._density.get(name) for name in piece.materials.values()}
-        return (
-            densities.pop()
-            if len(densities) == 1 and piece.cells <= set(cells)
-            else None
-        )
+    def _masses(self, place: str) -> Iterator[tuple[str, float]]:
+        """Bodies of one density that are parts of a set."""
+        cells = set(self._mesh.find_set(self._mesh.cells_of, place) or ())
+        for body, piece in self._pieces.items():
+            known = {self._density.get(name, 0.0) for name in piece.materials.values()}
+            if len(known) == 1 and all(known) and piece.cells <= cells:
+                yield body, known.pop()
 
     def _touch(self, m: Model) -> None:
         names: list[str] = []
         for section in self._pairs:
             mu = self._mu.get(section.named("INTERACTION"), 0.0)
-            for line, row in section.rows:
-                sides = [
-                    [
-                        f"{b}.{p.surfaces[w][0]}"
-                        for b, p in self._pieces.items()
-                        if w in p.surfaces
-                    ]
-                    for w in (row[0].upper(), row[1].upper())
-                ]
-                pairs = [(on, to) for on in sides[0] for to in sides[1]]
-                apart = [
-                    p for p in pairs if len({on.partition(".")[0] for on in p}) == 2
-                ]
-                for on, against in apart:
-                    names.append(_word(row[0]))
-                    name = (
-                        f"{names[-1]}_{len(names)}"
-                        if names[-1] in names[:-1]
-                        else names[-1]
-                    )
+            for line, (slave, master, *_) in section.rows:
+                before = len(names)
+                for on, against in product(self._on(slave), self._on(master)):
+                    if on.partition(".")[0] == against.partition(".")[0]:
+                        continue
+                    name = _word(slave)
+                    while name in names:
+                        name += "_"
+                    names.append(name)
                     m.contact(on, name=name, against=against, pairing="mortar", mu=mu)
-                if not apart:
-                    self._note(
-                        section, "has no faces of two bodies and is not taken", line
-                    )
+                if len(names) == before:
+                    self._note(section, "joins no two bodies: it is not taken", line)
         if not names:
-            self.notes.append(
-                "it has no contact: add [[contact]], as with a rigid plane"
-            )
+            self.notes.append("no contact: add [[contact]], as with a rigid plane")
+
+    def _on(self, name: str) -> list[str]:
+        """A surface on each body that has a part of it."""
+        found = [(b, p.surfaces.get(name.upper())) for b, p in self._pieces.items()]
+        return [f"{body}.{surface[0]}" for body, surface in found if surface]
 
 
 def _scale(number: Any, factor: float) -> Any:
