@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from bipot_rs.fem.bodies.loads import Load
     from bipot_rs.fem.bodies.materials import Material, Orthotropic
     from bipot_rs.fem.bodies.stress_recovery import stress, thermal, von_mises
+    from bipot_rs.fem.constraints.bolts import Bolt
     from bipot_rs.fem.constraints.references import Remote
     from bipot_rs.fem.constraints.repetition import Cyclic, Periodic
     from bipot_rs.fem.contact.contact import Contact, Floating
@@ -27,6 +28,7 @@ __all__ = [
     "FACES",
     "Assembly",
     "Body",
+    "Bolt",
     "Contact",
     "Cyclic",
     "Floating",
@@ -72,6 +74,7 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.fem.bodies.loads": ("Load",),
         "bipot_rs.fem.bodies.materials": ("Material", "Orthotropic"),
         "bipot_rs.fem.gradients.parameter_gradient": ("ParameterGradient",),
+        "bipot_rs.fem.constraints.bolts": ("Bolt",),
         "bipot_rs.fem.constraints.references": ("Remote",),
         "bipot_rs.fem.constraints.repetition": ("Cyclic", "Periodic"),
         "bipot_rs.fem.bodies.stress_recovery": ("stress", "thermal", "von_mises"),

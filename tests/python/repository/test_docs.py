@@ -161,6 +161,7 @@ def with_meshes(page: Path, folder: Path) -> None:
     "docs/gallery.md",
     "docs/masonry.md",
     "docs/published.md",
+    "docs/tutorials/bolted-lap-joint.md",
     "docs/tutorials/punch_shape.md",
     "docs/tutorials/sensitivities.md",
     "docs/tutorials/uncertainty.md",
