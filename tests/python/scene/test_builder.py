@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import bipot_rs as bp
@@ -239,6 +239,7 @@ NAMES = st.text(
     ),
     st.integers(1, 5),
 )
+@example(["|", "|one"], {"|many": (1.0, 0.1)}, [1.0], 2)
 @settings(max_examples=40, deadline=None)
 def test_random_models_there_and_back(
     bodies: list[str], materials: Any, factors: list[float], n: int

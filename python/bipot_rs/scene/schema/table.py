@@ -96,10 +96,12 @@ def key_path(loc: Sequence[str | int], table: object) -> list[str]:
     """
     path, at = [], table
     for part in loc:
-        if isinstance(part, str) and part.startswith(KIND):
+        if isinstance(at, dict) and part in at:
+            at = at[part]
+        elif isinstance(part, str) and part.startswith(KIND):
             continue
-        if isinstance(at, dict):
-            at = at.get(part)
+        elif isinstance(at, dict):
+            at = None
         elif isinstance(at, list) and isinstance(part, int):
             at = at[part] if part < len(at) else None
         elif at is not None:
