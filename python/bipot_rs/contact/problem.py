@@ -872,8 +872,11 @@ class ContactProblem:
             contacts.operator,
             contacts.gap_by_component,
             contacts.x,
-            # With inclined supports it has no rigid motions to compare with.
-            stiffness if self.loading.held is None else None,
+            # With inclined supports and of a body of revolution it has no rigid motions in the
+            # plane to compare with.
+            stiffness
+            if self.loading.held is None and options.kinematics is None
+            else None,
             options.places,
             stacklevel=3,
         )

@@ -162,6 +162,11 @@ class Estimator:
     def __init__(self, case: Case) -> None:
         self.case = case
         model = case.model
+        if model.numbered.axisymmetric:
+            raise ValueError(
+                "the bodies are axisymmetric: the discretisation error supports bodies in the "
+                "plane and in space only"
+            )
         for k, contact in enumerate(model.contacts):
             if len(set(np.ravel(contact.mu).tolist())) > 1:
                 raise ValueError(

@@ -39,7 +39,7 @@ _NODES = {
 # Family, number of nodes, letters for integration and formulation.
 _TYPES = (
     (re.compile(r"C3D(\d+)[A-Z]*"), _SOLIDS),
-    (re.compile(r"(?:CPE|CPS|S|M3D|SFM3D|R3D|STRI)(\d+)[A-Z]*"), _PLANE),
+    (re.compile(r"(?:CPE|CPS|CAX|S|M3D|SFM3D|R3D|STRI)(\d+)[A-Z]*"), _PLANE),
     (re.compile(r"(?:T2D|T3D|B2|B3|R2D)(\d+)[A-Z]*"), _LINES),
 )
 # Shells and membranes: they are not cells of a 2D body.
@@ -349,11 +349,11 @@ class Reader:
                 return "triangle" if name == "STRI3" else "triangle6"
             if match and int(match[1]) in kinds:
                 return kinds[int(match[1])]
-        why = ", which is axisymmetric" if name.startswith("CAX") else ""
+        why = ", which twist" if name.startswith("CGAX") else ""
         raise self._error(
             line,
             f"has cells of type {name or '?'}{why}, expected C3D4, C3D8, C3D10, C3D20, "
-            "CPE or CPS with 3, 4, 6 or 8 nodes, or shells and lines on their surface",
+            "CPE, CPS or CAX with 3, 4, 6 or 8 nodes, or shells and lines on their surface",
         )
 
     def _add(self, sets: dict[Key, list[int]], name: str, numbers: list[int]) -> None:

@@ -34,6 +34,7 @@ class FacetMesh:
     # corner.
     centre: Floats
     radius: Floats
+    revolved: bool = False  # the half section (r, z) of a surface of revolution
 
     @property
     def dim(self) -> int:
@@ -63,6 +64,10 @@ class FacetMesh:
     @cached_property
     def whole(self) -> Floats:
         """∫ N_i over each facet in its plane, ``(m, c)``, with the corner functions N."""
+        if self.revolved:
+            r = self.points[self.corners, 0]
+            weighted = (r + r.sum(axis=1, keepdims=True)) / 6
+            return np.asarray(2 * np.pi * self.size[:, None] * weighted)
         if self.dim == 2:
             return np.repeat(self.size[:, None] / 2, 2, axis=1)
         if self.kind.corners == 3:

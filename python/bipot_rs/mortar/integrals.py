@@ -411,6 +411,9 @@ def _segment(
     xi = low + (high - low) * (1 + x) / 2
     size = slave.size[over.slave[part]]
     weight = (high - low) * w / 2 * size[:, None]
+    if slave.revolved:
+        inner, outer = slave.points[slave.corners[over.slave[part]], 0].T[..., None]
+        weight = weight * (2 * np.pi * (inner + xi * (outer - inner)))
     if over.opposite is None:
         return part, xi[..., None], None, weight
     start, end = over.opposite[part, :, 0].T[..., None]
@@ -448,7 +451,7 @@ def _degree(slave: FacetMesh, over: Overlaps, master: FacetMesh | None) -> Ints:
     """Degree of exactness of the rule for each intersection, ``(k,)``."""
     corner = 2 if slave.kind.corners == 4 else 1
     other = max(slave.kind.degree, 0 if master is None else master.kind.degree)
-    degree = np.full(len(over.slave), corner + other, dtype=np.int64)
+    degree = np.full(len(over.slave), corner + other + slave.revolved, np.int64)
     if slave.kind.corners == 4:
         degree += _beyond(skewness(slave.flat))[over.slave]
     if master is not None and master.kind.corners == 4 and over.opposite is not None:

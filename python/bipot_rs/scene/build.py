@@ -130,7 +130,11 @@ def _find_surface(mesh: ElementMesh, name: str, table: Place, inside: bool) -> I
 
 def _make_material(scene: Scene, block: Block) -> Elastic | dict[str, Elastic]:
     """The material of a body, or one for each named volume."""
-    plane = {"plane_stress": block.plane == "stress", "thickness": block.thickness}
+    plane = {
+        "plane_stress": block.plane == "stress",
+        "thickness": block.thickness,
+        "axisymmetric": block.plane == "axisymmetric",
+    }
     materials = {
         end: scene.material[name].make(**plane)  # type: ignore[arg-type]
         for end, name in block.materials.items()

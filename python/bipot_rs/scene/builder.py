@@ -198,7 +198,8 @@ class Model:
         ``cell``, ``uniform`` and ``growth``; and ``order``, 1 or 2. A mesh has ``mesh``
         instead: a file, or a table of ``file``, ``group`` (names of volumes) and
         ``order``; the file names its surfaces. In two dimensions ``plane`` is
-        ``"strain"`` or ``"stress"``, and ``thickness`` a length. ``surface`` defines more
+        ``"strain"``, ``"stress"`` or, with x as r and y as z, ``"axisymmetric"``, and
+        ``thickness`` a length. ``surface`` defines more
         surfaces: for each name a table of ``within``, ``normal`` and ``angle`` in
         degrees.
         """

@@ -207,6 +207,8 @@ class Deck:
                 kind = mesh.types[mesh.cell[members[0]][0]]
                 if kind.startswith("CPS"):
                     piece.plane["plane"] = "stress"
+                if kind.startswith("CAX"):
+                    piece.plane["plane"] = "axisymmetric"
                 for line, row in section.rows[:1] if kind.startswith("CP") else ():
                     piece.plane["thickness"] = section.reals(line, row)[0] or 1.0
         if not pieces:

@@ -326,9 +326,10 @@ def _moduli(body: Body) -> Floats:
             raise ValueError(
                 f"body {body.name!r} has an orthotropic material, expected isotropic ones"
             )
-        if body.dim == 2 and material.plane_stress:
+        if body.dim == 2 and (material.plane_stress or material.axisymmetric):
             raise ValueError(
-                f"body {body.name!r} is in plane stress, expected plane strain or 3D"
+                f"body {body.name!r} is in plane stress or axisymmetric, expected plane strain "
+                "or 3D"
             )
         lame_lambda, lame_mu = material.lame(3)
         pairs.append((lame_lambda + 2 * lame_mu / 3, lame_mu))

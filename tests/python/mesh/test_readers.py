@@ -312,7 +312,7 @@ def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("TYPE=CPE4", "TYPE=CAX4", "line 12: has cells of type CAX4, which is axisymm"),
+        ("TYPE=CPE4", "TYPE=CGAX4", "line 12: has cells of type CGAX4, which twist"),
         ("TYPE=CPE4", "TYPE=DC2D4", "line 12: has cells of type DC2D4, expected C3D4"),
         ("7, 1, 2, 3, 4", "7, 1, 2, 3", "line 13: ends before a cell of type CPE4"),
         ("7, 1, 2, 3, 4", "7, 1, 2, 3, 44", "line 12: has cells with node 44"),

@@ -12,7 +12,7 @@ from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs.contact.law.frames import turn_operator
 from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
 from bipot_rs.fem.assembly.assembly import Assembly, Support
-from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.body import ROUNDING, Body
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.bodies.numbering import NumberedBodies, number_bodies
 from bipot_rs.fem.constraints.bolts import Bolt, cut_bodies
@@ -90,6 +90,8 @@ def assemble(
     dim, n = numbered.dim, numbered.n
     for contact in contacts:
         check_contact(contact, dim)
+    if numbered.axisymmetric:
+        _check_axisymmetric(contacts, remotes, repetitions)
     nodes = np.concatenate([body.points for body in bodies])
     straight, planes = _sort_planes(numbered, symmetries)
     supports = [*supports, *straight]
@@ -183,7 +185,42 @@ def _sort_planes(
             inclined.append((numbered.dofs[nodes, 0], normal))
         else:
             straight.append(Support(symmetry.body, symmetry.surface, (axis,)))
+        if bodies.axisymmetric and axis != 1:
+            raise ValueError(
+                f"symmetry on {symmetry.surface!r} of body {symmetry.body!r}: a body of "
+                "revolution has planes of symmetry z = const only; prescribe x = 0 by a "
+                "support, nodes on the axis are held by themselves"
+            )
+    for numbered in bodies.values() if bodies.axisymmetric else ():
+        # A body of revolution stays on its axis.
+        r = numbered.body.points[:, 0]
+        if r.min() <= ROUNDING * np.ptp(r):
+            axis_of = {0: (-np.inf, 0.0)}
+            straight.append(Support(numbered.body.name, None, (0,), axis_of))
     return straight, inclined
+
+
+def _check_axisymmetric(
+    contacts: Sequence[Contact],
+    remotes: Sequence[Remote],
+    repetitions: Sequence[Repetition],
+) -> None:
+    """Refuse what turns a half section, or moves it along r as a rigid body."""
+    if remotes:
+        raise ValueError(
+            f"remote {remotes[0].name!r}: bodies of revolution have no remotes; use a support, "
+            "a traction or a pressure"
+        )
+    if repetitions:
+        raise ValueError("bodies of revolution have no cyclic and no periodic cuts")
+    for contact in contacts:
+        name = f"contact on {contact.surface!r} of body {contact.body!r}"
+        if contact.motion is not None and contact.motion.turns:
+            raise ValueError(f"{name}: an obstacle of revolution cannot turn")
+        if contact.floating is not None and 0 in contact.floating.components:
+            raise ValueError(
+                f"{name}: the force on an obstacle of revolution is along y, which is z"
+            )
 
 
 def _find_dofs(bodies: NumberedBodies, support: Support) -> Ints:

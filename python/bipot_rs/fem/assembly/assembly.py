@@ -124,9 +124,10 @@ class Assembly:
         Positions of all nodes, body after body [m]. Without reference points n is d times
         their number.
     supports
-        As passed, followed by one for each plane of symmetry normal to an axis.
+        As passed, followed by one for each plane of symmetry normal to an axis, and for each
+        body with nodes on the axis of revolution.
     symmetries : int
-        Number of these planes.
+        Number of these that follow.
     springs : tuple of Spring
         Elastic foundations; K contains their stiffness.
     moving : (steps, n_c, d), bipot_rs.MovingGaps or None
@@ -478,8 +479,8 @@ class Assembly:
         return np.repeat(with_points(self.nodes, self.references), self.dim, axis=0)
 
     def _find_kinematics(self) -> tuple[Floats, Floats, Floats] | None:
-        """What K and coordinates do not tell of ties and reference points, if there are any."""
-        if self._loss is None:
+        """What K and coordinates do not tell of ties, reference points and axisymmetry."""
+        if self._loss is None and not self.numbered.axisymmetric:
             return None
         d, centre = self.dim, self.nodes.mean(axis=0)
         reach = float(np.abs(self.nodes - centre).max())
@@ -495,7 +496,8 @@ class Assembly:
                 # About the line of its nodes, a rigid set does not turn with the body.
                 turns = np.eye(len(point.turns)) - point.idle.T @ point.idle
                 motions[point.turns, d:] = point.arm / reach * turns
-        return places, motions, self._loss
+        # A body of revolution resists those of the plane but for one: the core finds that in K.
+        return places, motions, np.ones(self.n) if self._loss is None else self._loss
 
     def gradient(
         self, gradient: Gradient, loads: Sequence[Load] = ()

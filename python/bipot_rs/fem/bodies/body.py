@@ -27,6 +27,9 @@ from bipot_rs.mesh.elements import (
 )
 from bipot_rs.mesh.kinds import ElementMesh, Kind
 
+# Rounding of coordinates, relative to the extent of a mesh.
+ROUNDING = 1e-9
+
 Field: TypeAlias = ArrayLike | Callable[[Floats], ArrayLike]
 Box: TypeAlias = Mapping[int, tuple[float, float]]
 
@@ -41,7 +44,7 @@ class Quadrature:
     phi: Floats
     places: Floats  # (d, parts, q): positions of the points [m]
     # (parts, q): weights; their sum is the volume [m³] or the area [m²], in 2D the area or the
-    # length, without the thickness.
+    # length, without the thickness; of a body of revolution those of a full turn.
     weights: Floats
     normals: Floats | None  # (d, parts, q) or None: outward unit normals, on facets
     nodes: int  # number of nodes of the body
@@ -92,13 +95,28 @@ class Body:
         kind_of(self.mesh, f"mesh of body {self.name!r}")
         if isinstance(self.material, Mapping):
             self.material_of_cells  # noqa: B018 - checks the volumes
-            if len({(m.plane_stress, m.thickness) for m in self.materials}) > 1:
+            kinds = {
+                (m.plane_stress, m.thickness, m.axisymmetric) for m in self.materials
+            }
+            if len(kinds) > 1:
                 raise ValueError(
-                    f"materials of body {self.name!r} differ in plane_stress or in "
-                    "thickness: give all its volumes the same"
+                    f"materials of body {self.name!r} differ in plane_stress, thickness or "
+                    "axisymmetric: give all its volumes the same"
                 )
         for material in self.materials:
             material.tensor(self.dim)  # refuses axes that do not fit a 2D body
+        if any(m.axisymmetric for m in self.materials):
+            r = self.mesh.p[0]
+            if self.dim == 3 or r.min() < -ROUNDING * np.ptp(r):
+                raise ValueError(
+                    f"body {self.name!r} is axisymmetric and "
+                    + (
+                        "in space: its mesh must be in the plane (r, z)"
+                        if self.dim == 3
+                        else f"has nodes at r = {r.min():g}: r, the first coordinate, is the "
+                        "distance from the axis, at least 0"
+                    )
+                )
 
     @property
     def kind(self) -> Kind:
@@ -170,8 +188,17 @@ class Body:
 
     @property
     def depth(self) -> float:
-        """Thickness in 2D, 1 in 3D: factor from areas of the mesh to volumes."""
+        """Thickness in 2D, 1 in 3D and for a body of revolution: factor on quadratures."""
         return self.materials[0].thickness if self.dim == 2 else 1.0
+
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether the mesh is the half section (r, z) of a body of revolution."""
+        return self.materials[0].axisymmetric
+
+    def _turned(self, weights: Floats, places: Floats) -> Floats:
+        """Weights ``(parts, q)``, of a body of revolution times 2 π r."""
+        return weights * (2 * np.pi * places[0]) if self.axisymmetric else weights
 
     def volume(self) -> Quadrature:
         """Quadrature on the cells."""
@@ -179,11 +206,12 @@ class Body:
         x = self.points[corners]
         phi, slopes, weights = self.kind.reference
         _, determinant = inverse(jacobian(x, slopes))
+        places = np.einsum("pcd,cq->dpq", x, phi)
         return Quadrature(
             corners=corners,
             phi=phi,
-            places=np.einsum("pcd,cq->dpq", x, phi),
-            weights=(weights[:, None] * np.abs(determinant)).T,
+            places=places,
+            weights=self._turned((weights[:, None] * np.abs(determinant)).T, places),
             normals=None,
             nodes=len(self.points),
         )
@@ -223,11 +251,12 @@ class Body:
         inwards = self.mesh.p[:, cells].mean(axis=1) - x.mean(axis=1).T
         inverted = np.einsum("qdp,dp->qp", area, inwards) > 0
         normals = area * (np.where(inverted, -1.0, 1.0) / size)[:, None]
+        places = np.einsum("pcd,cq->dpq", x, phi)
         return Quadrature(
             corners=corners,
             phi=phi,
-            places=np.einsum("pcd,cq->dpq", x, phi),
-            weights=(weights[:, None] * size).T,
+            places=places,
+            weights=self._turned((weights[:, None] * size).T, places),
             normals=normals.transpose(1, 2, 0),
             nodes=len(self.points),
         )
@@ -260,7 +289,7 @@ class Body:
                     corners=facets[facet],
                     phi=phi.swapaxes(1, 2),
                     places=places,
-                    weights=weights,
+                    weights=self._turned(weights, places),
                     normals=normals,
                     nodes=len(self.points),
                 )

@@ -1,6 +1,7 @@
 """Linear elastic materials, as fourth-order tensors without Voigt notation.
 
-For 2D a material contains the assumption, plane strain or plane stress, and the thickness.
+For 2D a material contains the assumption, plane strain, plane stress or axisymmetry, and
+the thickness.
 """
 
 from __future__ import annotations
@@ -34,12 +35,16 @@ class Material:
         In 2D, plane stress instead of plane strain; no effect in 3D.
     thickness
         Thickness in 2D, > 0 [m]; no effect in 3D.
+    axisymmetric
+        In 2D, a body of revolution: coordinates and displacements are ``(r, z)``, direction
+        3 is around the axis r = 0, and areas, forces and energies are of a full turn.
     """
 
     young: float
     poisson: float
     plane_stress: bool = False
     thickness: float = 1.0
+    axisymmetric: bool = False
 
     def __post_init__(self) -> None:
         for name in ("young", "poisson", "thickness"):
@@ -50,7 +55,7 @@ class Material:
             raise ValueError(
                 f"poisson is {self.poisson}, expected a number between -1 and 1/2"
             )
-        _thick(self.thickness)
+        _thick(self)
 
     def lame(self, dim: int) -> tuple[float, float]:
         """Lamé's constants λ and μ [Pa]; in plane stress λ is the reduced one."""
@@ -93,7 +98,7 @@ class Orthotropic:
         Directions 1, 2, 3 as rows ``(3, 3)``, orthogonal, of any length; in 2D
         directions 1 and 2 as rows ``(2, 2)``; default the coordinate axes. Direction 3 is
         normal to the plane of a 2D body.
-    plane_stress, thickness
+    plane_stress, thickness, axisymmetric
         As in `Material`.
 
     Raises
@@ -109,6 +114,7 @@ class Orthotropic:
     axes: ArrayLike | None = None
     plane_stress: bool = False
     thickness: float = 1.0
+    axisymmetric: bool = False
 
     def __post_init__(self) -> None:
         for name in ("young", "poisson", "shear"):
@@ -119,7 +125,7 @@ class Orthotropic:
                 )
             # Tuples of floats, so that materials can be compared and hashed.
             object.__setattr__(self, name, tuple(constants.tolist()))
-        _thick(self.thickness)
+        _thick(self)
         if self.axes is not None:
             rows = _orthonormal(self.axes)
             object.__setattr__(self, "axes", tuple(map(tuple, rows.tolist())))
@@ -177,10 +183,15 @@ class Orthotropic:
 Elastic: TypeAlias = Material | Orthotropic
 
 
-def _thick(thickness: float) -> None:
-    number("thickness", thickness)
+def _thick(material: Elastic) -> None:
+    thickness = number("thickness", material.thickness)
     if not (np.isfinite(thickness) and thickness > 0):
         raise ValueError(f"thickness is {thickness}, expected a finite number > 0")
+    if material.axisymmetric and (material.plane_stress or thickness != 1.0):
+        raise ValueError(
+            "axisymmetric is given with plane_stress or thickness: a body of revolution has "
+            "neither; forces are those of a full turn"
+        )
 
 
 def _scale_constants(young: Sequence[float], poisson: Sequence[float]) -> Floats:

@@ -56,6 +56,11 @@ class NumberedBodies(dict[str, NumberedBody]):
         return next(iter(self.values())).body.dim
 
     @property
+    def axisymmetric(self) -> bool:
+        """Whether the bodies are bodies of revolution."""
+        return next(iter(self.values())).body.axisymmetric
+
+    @property
     def n(self) -> int:
         """Number of degrees of freedom of all bodies."""
         return sum(numbered.body.points.size for numbered in self.values())
@@ -64,12 +69,17 @@ class NumberedBodies(dict[str, NumberedBody]):
 def number_bodies(bodies: Sequence[Body]) -> NumberedBodies:
     """Number the degrees of freedom, body after body.
 
-    Raises `ValueError`: there is no body, names repeat, or dimensions differ.
+    Raises `ValueError`: there is no body, names repeat, or kinds of bodies differ.
     """
     if not bodies:
         raise ValueError("bodies is empty, expected at least one")
     if len({body.dim for body in bodies}) > 1:
         raise ValueError("bodies mix two and three dimensions")
+    if len({body.axisymmetric for body in bodies}) > 1:
+        other = next(body.name for body in bodies if not body.axisymmetric)
+        raise ValueError(
+            f"body {other!r} is plane and others are axisymmetric: expected all the same"
+        )
     names = [body.name for body in bodies]
     if len(set(names)) < len(names):
         raise ValueError(f"names of bodies repeat: {names}")

@@ -69,12 +69,26 @@ class MeanStress:
         material = body.material_of_cells
         self._material = material if cells is None else material[cells]
         _, slopes, weights = body.kind.reference
-        shapes, self._which = distinct_cells(body.points[self._cells])
+        corners = body.points[self._cells]
+        # Cells of a body of revolution differ by their radius.
+        shapes, self._which = (
+            (corners, np.arange(len(corners)))
+            if body.axisymmetric
+            else distinct_cells(corners)
+        )
         inner, determinant = inverse(jacobian(shapes, slopes))
         share = weights[:, None] * np.abs(determinant)
+        phi = body.kind.reference[0]
+        r = np.einsum("pc,cq->qp", shapes[..., 0], phi)
+        if body.axisymmetric:
+            share *= r
         share /= share.sum(axis=0)
         # ∂_a φ_i, (i, a, shapes).
         self._slopes = np.einsum("qbi,qbac,qc->iac", slopes, inner, share)
+        # φ_i / r, (i, cells).
+        self._hoop = (
+            np.einsum("iq,qp->ip", phi, share / r) if body.axisymmetric else None
+        )
 
     def gradient(self, displacement: ArrayLike) -> Floats:
         """Mean of ``∂_a u_k`` in each cell, ``(k, a, cells)``."""
@@ -99,6 +113,9 @@ class MeanStress:
         count = gradient.shape[2]
         strain = np.zeros((3, 3, count))
         strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
+        if self._hoop is not None:
+            radial = _nodal(body, displacement)[self._cells][..., 0]
+            strain[2, 2] = np.einsum("ip,pi->p", self._hoop, radial)
         if initial is not None:
             weights = body.volume().weights
             share = weights / weights.sum(axis=1, keepdims=True)
@@ -122,10 +139,8 @@ def stress_at_points(
 
     Parameters as in `stress`.
     """
-    d, u = body.dim, _nodal(body, displacement)[body.cells]
-    gradient = np.einsum("qiap,pik->kapq", slopes_at_points(body), u)
-    strain = np.zeros((3, 3, *gradient.shape[2:]))
-    strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
+    gradient = gradient_at_points(body, _nodal(body, displacement))
+    strain = 0.5 * (gradient + gradient.swapaxes(0, 1))
     if initial is not None:
         strain -= initial_strain(body, initial)
     stresses = np.empty_like(strain)
@@ -176,6 +191,8 @@ def internal_forces(body: Body, stresses: Floats) -> Floats:
     cell = np.einsum(
         "qiap,kapq,pq->kpi", slopes_at_points(body), stresses[:d, :d], weights
     )
+    if body.axisymmetric:
+        cell[0] += np.einsum("pq,iqp->pi", stresses[2, 2] * weights, _over_radius(body))
     nodes, count = body.cells.ravel(), len(body.points)
     parts = [np.bincount(nodes, part.ravel(), minlength=count) for part in cell]
     return np.asarray(np.stack(parts, axis=1).ravel(), dtype=np.float64)
@@ -252,6 +269,28 @@ def slopes_at_points(body: Body) -> Floats:
     _, slopes, _ = body.kind.reference
     inner, _ = inverse(jacobian(body.points[body.cells], slopes))
     return np.asarray(np.einsum("qbi,qbac->qiac", slopes, inner), dtype=np.float64)
+
+
+def gradient_at_points(
+    body: Body, nodal: Floats, slopes: Floats | None = None
+) -> Floats:
+    """``∂_a u_k`` at the points of the cells, ``(3, 3, cells, points)``; hoop strain as 33.
+
+    ``nodal``: displacement ``(nodes, d)``. ``slopes``: `slopes_at_points`, if known.
+    """
+    slopes = slopes_at_points(body) if slopes is None else slopes
+    d, u = body.dim, nodal[body.cells]
+    gradient = np.zeros((3, 3, slopes.shape[3], slopes.shape[0]))
+    gradient[:d, :d] = np.einsum("qiap,pik->kapq", slopes, u)
+    if body.axisymmetric:
+        gradient[2, 2] = np.einsum("iqp,pi->pq", _over_radius(body), u[..., 0])
+    return gradient
+
+
+def _over_radius(body: Body) -> Floats:
+    """``φ_i / r`` at the points of the cells, ``(i, q, cells)``."""
+    phi = body.kind.reference[0]
+    return np.asarray(phi[..., None] / body.volume().places[0].T)
 
 
 def _tensor(body: Body, value: Field, places: Floats) -> Floats:

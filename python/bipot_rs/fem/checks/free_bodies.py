@@ -139,6 +139,8 @@ def list_motions(model: Assembly) -> tuple[Floats, Ints]:
     for b, body in enumerate(model.bodies):
         arm = body.points - body.points.mean(axis=0)
         motions = rigid_motions(arm, float(np.abs(arm).max()))
+        if body.axisymmetric:
+            motions = motions[:, :, 1:2]  # along the axis
         motions = motions.reshape(body.points.size, -1)
         if body.points.size < model.n:
             columns = np.zeros((model.n, motions.shape[1]))
@@ -213,12 +215,13 @@ def describe_motions(
     if len(members) > 1:
         alone = enumerate(model.bodies[b].name for b in members)
         movers = [*(([at], f" of body {name!r}") for at, name in alone), *movers]
-    for (moving, name), k in product(movers, range(d)):
+    axes = "z" if model.numbered.axisymmetric else "xyz"[:d]
+    for (moving, name), (k, axis) in product(movers, enumerate(axes)):
         shift = np.zeros(modes.shape[1])
         shift[[at * per_body + k for at in moving]] = 1 / np.sqrt(len(moving))
         within = rest @ (rest.T @ shift)
         if length(shift - within) <= _FREE:
-            words.append(f"translation along {'xyz'[k]}{name}")
+            words.append(f"translation along {axis}{name}")
             left = rest - np.outer(shift, shift @ rest)
             U, size, _ = np.linalg.svd(left, full_matrices=False)
             rest = U[:, size > 0.5]

@@ -238,7 +238,10 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
         young = _stiffest(body.material)
         forces = np.linalg.norm(own.reshape(len(own), -1, model.dim), axis=-1)
         sides = np.sort(np.ptp(body.points, axis=0))[1:]
-        section = float(np.prod(sides)) * body.depth
+        around = (
+            2 * np.pi * float(body.points[:, 0].max()) if body.axisymmetric else 1.0
+        )
+        section = float(np.prod(sides)) * body.depth * around
         mean = float(forces.sum(axis=1).max(initial=0.0)) / section
         if young is not None and mean > LARGE_LOAD * young:
             yield (

@@ -70,6 +70,13 @@ def meet(bodies: NumberedBodies, n: int, contact: Contact) -> Meeting:
         nodes = np.setdiff1d(nodes, opposite.nodes)
     area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
     points, moved = body.points[nodes], None
+    if body.axisymmetric and (area <= 1e-12 * area.max()).any():
+        at = place(points[np.argmin(area)])
+        raise ValueError(
+            f"contact on {contact.surface!r} of body {contact.body!r} has no area at {at}, on "
+            'the axis: leave facets along the axis out of the surface, and use pairing="mortar" '
+            "for cells of second order"
+        )
     if other is None or opposite is None:
         met = follow_obstacle(side, contact, contact.motion, nodes)
         frame, gap = frames(met.normal[0], contact.axis), met.distance[0]

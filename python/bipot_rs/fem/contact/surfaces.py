@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,7 +58,8 @@ class ContactSurface:
     def mesh(self) -> FacetMesh:
         """These facets, for the contact of meshes that do not match."""
         name = f"{self.body.name}.{self.name}"
-        return surface(f"points of {name}", self.body.points, name, self.outward)
+        made = surface(f"points of {name}", self.body.points, name, self.outward)
+        return replace(made, revolved=self.body.axisymmetric)
 
 
 def refuse_negative_areas(side: ContactSurface) -> None:

@@ -27,6 +27,7 @@ from bipot_rs.fem.bodies.boundary import Spring
 from bipot_rs.fem.bodies.loads import Load
 from bipot_rs.fem.bodies.materials import Material, elasticity, of_poisson, of_young
 from bipot_rs.fem.bodies.stress_recovery import (
+    gradient_at_points,
     initial_strain,
     internal_forces,
     slopes_at_points,
@@ -132,8 +133,8 @@ class ParameterGradient:
 
     def _gradients(self, b: int) -> Iterator[tuple[Floats, Floats, Floats]]:
         """``∇λ``, ``∇u`` and ``ε0`` of each step, ``(3, 3, cells, points)``."""
-        body, d = self._model.bodies[b], self._model.dim
-        slopes, cells = slopes_at_points(body), body.cells
+        body = self._model.bodies[b]
+        slopes = slopes_at_points(body)
         initial = [
             (initial_strain(body, load.strain), factors)
             for load, factors, owner in self._loads_of()
@@ -141,14 +142,14 @@ class ParameterGradient:
         ]
         shape = (3, 3, *body.volume().weights.shape)
         for k in range(len(self._u)):
-            both = np.zeros((2, *shape))
-            for side, field in enumerate((self._lambda, self._u)):
-                nodal = self._of_body(b, field[k])[cells]
-                both[side, :d, :d] = np.einsum("qiap,pik->kapq", slopes, nodal)
+            adjoint, displacement = (
+                gradient_at_points(body, self._of_body(b, field[k]), slopes)
+                for field in (self._lambda, self._u)
+            )
             whole = np.zeros(shape)
             for strain, factors in initial:
                 whole += factors[k] * strain
-            yield both[0], both[1], whole
+            yield adjoint, displacement, whole
 
     def _loads_of(self) -> list[tuple[Load, Floats, int]]:
         return [(*one, b) for one, b in zip(self._loads, self._owners, strict=True)]
@@ -200,8 +201,8 @@ class ParameterGradient:
         ValueError
             The bodies are in space.
         """
-        if self._model.dim == 3:
-            raise ValueError("bodies in space have no thickness")
+        if self._model.dim == 3 or self._model.numbered.axisymmetric:
+            raise ValueError("bodies in space and of revolution have no thickness")
         found = {}
         for b, body in enumerate(self._model.bodies):
             own = 0.0
@@ -251,16 +252,13 @@ class ParameterGradient:
                 where[:] = False
                 for volume in load.strain:
                     where[body.volume_cells(volume)] = True
-            nodal = self._of_body(b, factors @ self._lambda)[body.cells]
-            slope = np.einsum("qiap,pik->kapq", slopes_at_points(body), nodal)
+            nodal = self._of_body(b, factors @ self._lambda)
+            slope = gradient_at_points(body, nodal)
             weights = body.depth * body.volume().weights
             own = np.zeros((3, 3))
             for m, material in enumerate(body.materials):
                 here = where & (body.material_of_cells == m)
-                total = np.zeros((3, 3))
-                total[:d, :d] = np.einsum(
-                    "kapq,pq->ka", slope[:, :, here], weights[here]
-                )
+                total = np.einsum("kapq,pq->ka", slope[:, :, here], weights[here])
                 own += np.einsum("abcd,ab->cd", elasticity(material, d), total)
             found.append(own)
         return found
@@ -371,6 +369,11 @@ class ParameterGradient:
             raise ValueError(
                 "the model has inclined planes of symmetry, which move with the nodes: the "
                 "derivative with respect to node coordinates is not available"
+            )
+        if model.numbered.axisymmetric:
+            raise ValueError(
+                "the derivative with respect to node coordinates is not available for bodies "
+                "of revolution"
             )
         refuse_moving_nodes(model.contacts)
         for load, _ in self._loads:

@@ -27,7 +27,11 @@ class Elastic(Table):
     axes: Annotated[list[Vector], Field(min_length=2, max_length=3)] | None = None
 
     def make(
-        self, *, plane_stress: bool = False, thickness: float = 1.0
+        self,
+        *,
+        plane_stress: bool = False,
+        thickness: float = 1.0,
+        axisymmetric: bool = False,
     ) -> materials.Elastic:
         """Make the material.
 
@@ -37,10 +41,9 @@ class Elastic(Table):
             Numbers that are not those of one kind of material, or out of range.
         """
         young, poisson = self.young, self.poisson
+        plane = plane_stress, thickness, axisymmetric
         if isinstance(young, list) and isinstance(poisson, list) and self.shear:
-            return materials.Orthotropic(
-                young, poisson, self.shear, self.axes, plane_stress, thickness
-            )
+            return materials.Orthotropic(young, poisson, self.shear, self.axes, *plane)
         if isinstance(young, list) or isinstance(poisson, list) or self.shear:
             raise ValueError(
                 "an orthotropic material needs three numbers each in young, poisson and "
@@ -48,4 +51,4 @@ class Elastic(Table):
             )
         if self.axes is not None:
             raise ValueError("remove axes: this material is isotropic")
-        return materials.Material(young, poisson, plane_stress, thickness)
+        return materials.Material(young, poisson, *plane)

@@ -158,7 +158,7 @@ class Block(Table):
 
     A list in place of an axis gives its grid points. ``order = 2`` adds mid-side nodes.
     ``material`` is one name, or a table with one for each volume of the mesh. ``surface``
-    defines more surfaces by geometry.
+    defines more surfaces by geometry. With ``plane = "axisymmetric"`` x is r and y is z.
     """
 
     material: ByVolume
@@ -170,7 +170,7 @@ class Block(Table):
     y: _Axis | None = None
     z: _Axis | None = None
     order: Literal[1, 2] = 1
-    plane: Literal["strain", "stress"] = "strain"
+    plane: Literal["strain", "stress", "axisymmetric"] = "strain"
     thickness: Annotated[float, Field(gt=0)] = 1.0
     surface: dict[str, Place] = Field(default_factory=no_tables)
 

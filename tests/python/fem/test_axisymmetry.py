@@ -1,0 +1,480 @@
+"""Bodies of revolution against closed forms, an independent quadrature, and a body in space."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import analytic, fem
+from bipot_rs._lib.types import Floats
+from bipot_rs.obstacle.shapes import Sphere
+
+YOUNG, NU = 210e9, 0.3
+KINDS = {
+    "P1": ("triangle", 1),
+    "Q1": ("quadrilateral", 1),
+    "P2": ("triangle", 2),
+    "Q2": ("quadrilateral", 2),
+}
+
+
+def steel(young: float = YOUNG, nu: float = NU) -> fem.Material:
+    return fem.Material(young, nu, axisymmetric=True)
+
+
+def ring(
+    kind: str, n: int, low: float, high: float, length: float, z: float = 0.0
+) -> Any:
+    cell, order = KINDS[kind]
+    grids = [
+        np.linspace(low, high, n + 1),
+        np.linspace(z, z + length, max(1, n // 2) + 1),
+    ]
+    mesh: Any = fem.box(grids, cell)
+    return fem.second_order(mesh) if order == 2 else mesh
+
+
+def orders(errors: list[float]) -> Floats:
+    return np.log2(np.array(errors[:-1]) / errors[1:])
+
+
+def solve(model: Any, load: Floats, prescribed: Any = None, **options: Any) -> Any:
+    return model.problem(**options).solve(load, prescribed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "least"), [("P1", 0.9), ("Q1", 1.9), ("P2", 1.9), ("Q2", 3.7)]
+)
+def test_a_thick_cylinder_under_pressure(kind: str, least: float) -> None:
+    """Displacement and hoop stress of Lamé, in plane strain, with the observed order."""
+    a, b, p = 0.02, 0.05, 1e8
+    shift, hoop = [], []
+    for n in (4, 8, 16):
+        body = fem.Body("tube", ring(kind, n, a, b, 0.015), steel())
+        model = fem.assemble(
+            [body], [], [fem.Support("tube", s, (1,)) for s in ("bottom", "top")]
+        )
+        load = model.nodal_forces(fem.Load("tube", "left", pressure=p))
+        u = solve(model, load)[0].displacement.reshape(-1, 2)
+        r = body.points[:, 0]
+        A, C = p * a**2 / (b**2 - a**2), p * a**2 * b**2 / (b**2 - a**2)
+        exact = (1 + NU) / YOUNG * ((1 - 2 * NU) * A * r + C / r)
+        shift.append(np.abs(u[:, 0] - exact).max() / exact.max())
+        stress = fem.stress(body, u, space=True)
+        centre = body.points[body.cells[:, : body.kind.corners]][:, :, 0].mean(axis=1)
+        hoop.append(np.abs(stress[:, 2, 2] - A - C / centre**2).max() / (A + C / a**2))
+    assert orders(shift)[-1] >= least
+    assert hoop[-1] < 0.06
+
+
+def test_one_cell_against_an_independent_quadrature() -> None:
+    """K of a distorted quadrilateral, by its own shape functions and 2 by 2 Gauss points."""
+    x = np.array([[0.3, 0.0], [1.1, -0.1], [1.3, 0.9], [0.2, 0.7]])
+    E, nu = 3.0, 0.2
+    D = np.array(
+        [
+            [1 - nu, nu, nu, 0],
+            [nu, 1 - nu, nu, 0],
+            [nu, nu, 1 - nu, 0],
+            [0, 0, 0, 0.5 - nu],
+        ]
+    )
+    D *= E / (1 + nu) / (1 - 2 * nu)
+    K = np.zeros((8, 8))
+    corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    for s in (-1, 1):
+        for t in (-1, 1):
+            xi = np.array([s, t]) / np.sqrt(3)
+            N = np.prod(1 + corner * xi, axis=1) / 4
+            dN = (
+                np.stack(
+                    [
+                        corner[:, 0] * (1 + corner[:, 1] * xi[1]),
+                        corner[:, 1] * (1 + corner[:, 0] * xi[0]),
+                    ]
+                )
+                / 4
+            )
+            J = dN @ x
+            g, r = np.linalg.solve(J, dN), N @ x[:, 0]
+            B = np.zeros((4, 8))
+            B[0, ::2] = B[3, 1::2] = g[0]
+            B[1, 1::2] = B[3, ::2] = g[1]
+            B[2, ::2] = N / r
+            K += B.T @ D @ B * 2 * np.pi * r * np.linalg.det(J)
+    from skfem import MeshQuad
+
+    body = fem.Body("it", MeshQuad(x.T.copy(), np.arange(4)[:, None]), steel(E, nu))
+    made = fem.assemble([body], []).K.toarray()
+    # Sums of 16 terms of one sign or another.
+    assert np.abs(made - K).max() <= 1e-14 * np.abs(K).max()
+    assert (made == made.T).all()
+    free = np.linalg.eigvalsh(made)
+    assert (free < 1e-12 * free[-1]).sum() == 1  # only translation along z
+
+
+def fit(
+    kind: str, n: int, pairing: str, other: int, scale: float = 1.0, force: float = 1.0
+) -> tuple[Any, Any, float]:
+    """A hub shrunk onto a tube, ends held: the result, the model, and Lamé's pressure."""
+    a, b, c, delta = 0.01 * scale, 0.02 * scale, 0.04 * scale, 2e-5 * scale
+    E = YOUNG * force / scale**2
+    shaft = fem.Body("shaft", ring(kind, n, a, b, 0.01 * scale), steel(E))
+    hub = fem.Body("hub", ring(kind, other, b, c, 0.01 * scale), steel(E / 2, 0.25))
+    contact = fem.Contact(
+        "shaft",
+        "right",
+        mu=0.0,
+        against=("hub", "left"),
+        clearance=-delta,
+        pairing=pairing,
+    )
+    supports = [
+        fem.Support(body, s, (1,))
+        for body in ("shaft", "hub")
+        for s in ("bottom", "top")
+    ]
+    model = fem.assemble([shaft, hub], [contact], supports)
+    result = solve(model, np.zeros(model.n))
+
+    def widens(inner: float, outer: float, E: float, nu: float, inside: bool) -> float:
+        r, square = (inner if inside else outer), outer**2 - inner**2
+        A, C = (inner**2, 1) if inside else (-(outer**2), -1)
+        return (
+            (1 + nu) / E / square * ((1 - 2 * nu) * A * r + C * inner**2 * outer**2 / r)
+        )
+
+    pressure = delta / (widens(b, c, E / 2, 0.25, True) - widens(a, b, E, NU, False))
+    return result, model, pressure
+
+
+@pytest.mark.parametrize(
+    ("kind", "least"), [("P1", 0.9), ("Q1", 1.8), ("P2", 1.8), ("Q2", 3.0)]
+)
+def test_a_shrink_fit(kind: str, least: float) -> None:
+    """Pressure of Lamé, and the force of a full turn, on meshes that do not match."""
+    errors = []
+    for n in (4, 8, 16):
+        result, model, pressure = fit(kind, n, "mortar", n + n // 2)
+        total = result.reaction[0, :, 0].sum()
+        errors.append(abs(total / model.area.sum() / pressure - 1))
+        # ∫ 2 π r dz, to rounding.
+        assert model.area.sum() == pytest.approx(2 * np.pi * 0.02 * 0.01, rel=1e-13)
+    assert orders(errors)[-1] >= least
+
+
+def test_the_shrink_fit_in_other_units() -> None:
+    """Metres and newtons, or millimetres and kilonewtons: the same forces."""
+    one, model, _ = fit("Q1", 6, "match", 6)
+    two, other, _ = fit("Q1", 6, "match", 6, 1e3, 1e-3)
+    # Rounding of K, whose condition is about 1e4.
+    assert one.reaction[0] * 1e-3 == pytest.approx(
+        two.reaction[0], rel=1e-9, abs=1e-12 * two.reaction.max()
+    )
+    assert other.area == pytest.approx(model.area * 1e6, rel=1e-13)
+
+
+def scene(n: int, **body: Any) -> Any:
+    """The shrink fit of a solid shaft, free to lengthen, from tables."""
+    m = bp.Model("fit")
+    m.material("steel", young=210e9, poisson=0.3)
+    common = {
+        "material": "steel",
+        "plane": "axisymmetric",
+        "cell": "quadrilateral",
+        **body,
+    }
+    length = {"from": 0.0, "to": 0.01, "cells": n}
+    m.body("shaft", x={"from": 0.0, "to": 0.01, "cells": n}, y=length, **common)
+    m.body("hub", x={"from": 0.01, "to": 0.02, "cells": n}, y=length, **common)
+    m.contact("shaft.right", against="hub.left", mu=0.0, clearance=-1e-5)
+    m.symmetry("shaft.bottom")
+    m.symmetry("hub.bottom")
+    return m
+
+
+def test_a_solid_shaft_in_plane_stress_from_a_scene() -> None:
+    """Ends are free and nothing holds r = 0 but the axis: p = E δ (c² - b²) / (2 b c²)."""
+    result = scene(8).solve()
+    b, c, delta = 0.01, 0.02, 1e-5
+    # Δr = δ = p b/E [(c² + b²)/(c² - b²) + ν + 1 - ν] in plane stress, uniform along z.
+    pressure = 210e9 * delta * (c**2 - b**2) / (2 * b * c**2)
+    # The ends lengthen unequally within the first cells: the mean is better than the corner.
+    area = 2 * np.pi * b * 0.01
+    assert result.reaction[0, :, 0].sum() == pytest.approx(pressure * area, rel=2e-3)
+    assert result.traction[0, :-1, 0] == pytest.approx(pressure, rel=3e-3)
+
+
+def test_the_quarter_in_space_of_the_same_fit() -> None:
+    """The same parts in space, between two planes of symmetry: forces are a quarter."""
+    pressures = []
+    for n in (4, 8):
+        bodies = []
+        for name, low, high, E, nu in (
+            ("shaft", 0.01, 0.02, YOUNG, NU),
+            ("hub", 0.02, 0.04, YOUNG / 2, 0.25),
+        ):
+            mesh: Any = fem.box(
+                [
+                    np.linspace(low, high, n + 1),
+                    np.linspace(0, np.pi / 2, 2 * n + 1),
+                    [0.0, 0.01],
+                ],
+                "hexahedron",
+            )
+            r, angle, z = mesh.p
+            mesh.p[:] = r * np.cos(angle), r * np.sin(angle), z
+            bodies.append(fem.Body(name, mesh, fem.Material(E, nu)))
+        supports = [
+            fem.Support(name, s, (2,))
+            for name in ("shaft", "hub")
+            for s in ("bottom", "top")
+        ]
+        supports += [
+            fem.Support(name, s, (k,))
+            for name in ("shaft", "hub")
+            for s, k in (("front", 1), ("back", 0))
+        ]
+        contact = fem.Contact(
+            "shaft", "right", mu=0.0, against=("hub", "left"), clearance=-2e-5
+        )
+        space = fem.assemble(bodies, [contact], supports)
+        answer = solve(space, np.zeros(space.n))
+        pressures.append(answer.reaction[0, :, 0].sum() / space.area.sum())
+    plane = fit("Q1", 32, "match", 32)[2]
+    errors = [abs(p / plane - 1) for p in pressures]
+    assert errors[1] < 0.5 * errors[0] < 0.05
+
+
+def base(r: Floats) -> fem.Body:
+    """A cylinder as high as wide, with fine cells at its top and axis."""
+    return fem.Body("base", fem.box([r, -r[::-1]], "quadrilateral"), steel(1.0, 0.3))
+
+
+HELD = [fem.Support("base", "bottom", (1,)), fem.Support("base", "right", (0,))]
+
+
+def test_a_flat_punch() -> None:
+    """F = 2 E* a δ, and the pressure F / (2 π a √(a² - r²)) inside."""
+    forces, worst, e_star, delta = [], [], 1 / 0.91, 1e-3
+    for n in (8, 16, 32):
+        r = np.concatenate(
+            [np.linspace(0, 1, n + 1), 1 + np.geomspace(1 / n, 79, 3 * n)]
+        )
+        punch = fem.Contact(
+            "base",
+            "top",
+            mu=0.0,
+            plane=((0.0, -delta), (0.0, -1.0)),
+            within={0: (0.0, 1.0)},
+        )
+        model = fem.assemble([base(r)], [punch], HELD)
+        result = solve(model, np.zeros(model.n))
+        force = result.reaction[0, :, 0].sum()
+        forces.append(force / (2 * e_star * delta) - 1)
+        inner = model.points[:, 0] < 0.7
+        exact = force / (2 * np.pi * np.sqrt(1 - model.points[inner, 0] ** 2))
+        worst.append(np.abs(result.traction[0, inner, 0] / exact - 1).max())
+    # First order in the cell at the edge; walls at 80 radii add 1/80.
+    assert np.diff(forces)[0] / np.diff(forces)[1] == pytest.approx(2, abs=0.4)
+    assert abs(forces[2]) < 0.03
+    assert worst[2] < 0.6 * worst[1] < 0.04
+
+
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_hertz(engine: str) -> None:
+    """A rigid sphere on a half-space: force and largest pressure by the approach."""
+    # Normals tilt by a/R, which changes the answer by as much.
+    R, a, e_star = 1.0, 0.002, 1 / 0.91
+    errors = []
+    for n in (8, 16):
+        fine = np.linspace(0, 1.5 * a, int(1.5 * n) + 1)
+        r = np.concatenate([fine, 1.5 * a + np.geomspace(a / n, 800 * a, 5 * n)])
+        sphere = Sphere((0.0, R - a**2 / R), R)
+        contact = fem.Contact(
+            "base", "top", mu=0.0, obstacle=sphere, within={0: (0.0, 1.4 * a)}
+        )
+        model = fem.assemble([base(r)], [contact], HELD)
+        result = solve(model, np.zeros(model.n), engine=engine)
+        force = 4 / 3 * e_star * a**3 / R
+        found = -float((model.frame[:, 0, 1] * result.reaction[0, :, 0]).sum())
+        _, _, p0 = analytic.hertz_sphere(force, R, e_star)
+        errors.append((abs(found / force - 1), abs(result.traction[0, 0, 0] / p0 - 1)))
+    # Walls at 800 radii of the contact add less than the mesh, whose order is 1.
+    assert errors[1][0] < 0.55 * errors[0][0] < 0.005
+    assert errors[1][1] < 0.6 * errors[0][1] < 0.02
+
+
+def test_manufactured_solution_touching_the_axis() -> None:
+    """u = (r z, r² + z²) with its body force and displacement on the rim, to order 2."""
+    lam, mu = steel(1.0, 0.3).lame(3)
+    errors = []
+    for n in (8, 16, 32):
+        body = fem.Body("it", ring("Q1", n, 0.0, 1.0, 1.0), steel(1.0, 0.3))
+
+        # σ_rr = 2λ(z + z) + 2μz …: div u = 2z + 2z = 4z; ε_rz = (r + 2r)/2.
+        def force(x: Floats) -> Floats:
+            r = x[0]
+            # r: ∂_r σ_rr + ∂_z σ_rz + (σ_rr - σ_θθ)/r = 0; z: ∂_r σ_rz + ∂_z σ_zz + σ_rz/r.
+            return np.stack([0 * r, -(3 * mu + 4 * lam + 4 * mu - mu + 4 * mu) + 0 * r])
+
+        model = fem.assemble(
+            [body],
+            [],
+            [fem.Support("it", s, (0, 1)) for s in ("bottom", "top", "right")],
+        )
+        r, z = body.points.T
+        exact = np.stack([r * z, r**2 + z**2], axis=1)
+        load = model.nodal_forces(fem.Load("it", force=force))
+        u = solve(model, load, exact.ravel()[model.fixed])[0].displacement.reshape(
+            -1, 2
+        )
+        # Near the axis the largest error has a logarithm, the mean by volume has none.
+        errors.append(np.sqrt((r[:, None] * (u - exact) ** 2).mean()))
+    assert orders(errors)[-1] > 1.8
+
+
+def test_loads_of_a_full_turn_reach_the_axis() -> None:
+    """Forces of pressure, part of a surface, traction and weight, with nodes at r = 0."""
+    for kind in KINDS:
+        body = fem.Body("it", ring(kind, 4, 0.0, 2.0, 3.0), steel())
+        whole = np.pi * 2.0**2
+
+        def along(load: fem.Load, body: fem.Body = body) -> float:
+            return float(load.forces(body)[1::2].sum())
+
+        # Sums of positive terms: rounding.
+        assert along(fem.Load("it", "top", pressure=3.0)) == pytest.approx(
+            -3 * whole, rel=1e-13
+        )
+        assert along(fem.Load("it", "top", traction=(0.0, 2.0))) == pytest.approx(
+            2 * whole, rel=1e-13
+        )
+        inner = fem.Load("it", "top", pressure=3.0, within={0: (0.0, 0.7)})
+        assert along(inner) == pytest.approx(-3 * np.pi * 0.7**2, rel=1e-12)
+        assert along(fem.Load("it", force=(0.0, -1.0))) == pytest.approx(
+            -whole * 3, rel=1e-13
+        )
+        if kind in ("P1", "Q1"):
+            forces = fem.Load("it", "top", pressure=3.0).forces(body)[1::2]
+            axis = (body.points[:, 0] == 0) & (body.points[:, 1] == 3)
+            # ∫ (1 - r/h) 2 π r dr = π h²/3.
+            assert forces[axis] == pytest.approx(-3 * np.pi * 0.5**2 / 3, rel=1e-13)
+
+
+def test_heating_of_a_free_body() -> None:
+    """A constant thermal strain causes no stress, and u_r = α T r."""
+    body = fem.Body("it", ring("Q2", 4, 0.0, 1.0, 1.0), steel())
+    model = fem.assemble([body], [], [fem.Support("it", "bottom", (1,))])
+    strain = fem.thermal(1e-5, 100.0)
+    load = model.nodal_forces(fem.Load("it", strain=strain))
+    u = solve(model, load)[0].displacement
+    assert u.reshape(-1, 2) == pytest.approx(1e-3 * body.points, rel=1e-10, abs=1e-14)
+    stress = fem.stress(body, u, strain, space=True)
+    assert np.abs(stress).max() < 1e-9 * YOUNG * 1e-3
+
+
+def test_derivatives_by_materials() -> None:
+    """Young's modulus, Poisson's ratio and a pressure, against central differences."""
+
+    def reaction(E: float, nu: float, p: float) -> tuple[Any, Any, Any]:
+        body = fem.Body("it", ring("Q1", 4, 0.0, 1.0, 1.0), steel(E, nu))
+        contact = fem.Contact("it", "bottom", mu=0.3, plane=((0, 0), (0, 1)))
+        model = fem.assemble([body], [contact])
+        loads = [
+            fem.Load("it", "top", pressure=p),
+            fem.Load("it", "right", pressure=0.3),
+        ]
+        return solve(model, sum(map(model.nodal_forces, loads))), model, loads
+
+    weight = np.random.default_rng(3).normal(size=(1, 5, 2))
+    result, model, loads = reaction(2.0, 0.3, 1.0)
+    found = model.gradient(result.vjp(reaction=weight), loads)
+
+    def slope(*step: float) -> float:
+        low, high = (
+            [2.0 + s * step[0], 0.3 + s * step[1], 1.0 + s * step[2]] for s in (-1, 1)
+        )
+        return float(
+            np.sum(weight * (reaction(*high)[0].reaction - reaction(*low)[0].reaction))
+            / 2
+            / sum(step)
+        )
+
+    # Differences of second order, with steps of 1e-5.
+    size = np.abs(weight).max()
+    assert found.poisson["it"][0] == pytest.approx(
+        slope(0, 1e-5, 0), rel=1e-6, abs=1e-8 * size
+    )
+    assert found.young["it"][0] == pytest.approx(
+        slope(1e-5, 0, 0), rel=1e-6, abs=1e-8 * size
+    )
+    assert found.load_factor[0] == pytest.approx(
+        slope(0, 0, 1e-5), rel=1e-6, abs=1e-8 * size
+    )
+    with pytest.raises(
+        ValueError, match="node coordinates is not available for bodies of"
+    ):
+        _ = found.nodes
+    with pytest.raises(ValueError, match="of revolution have no thickness"):
+        _ = found.thickness
+
+
+def refused(what: str) -> None:
+    tube = fem.Body("tube", ring("Q1", 2, 1.0, 2.0, 1.0), steel())
+    if what == "negative":
+        fem.Body("it", ring("Q1", 2, -1.0, 1.0, 1.0), steel())
+    if what == "space":
+        fem.Body("it", fem.box([[0, 1]] * 3, "hexahedron"), steel())
+    if what == "thickness":
+        fem.Material(1.0, 0.3, thickness=2.0, axisymmetric=True)
+    if what == "mixed":
+        fem.assemble([tube, fem.Body("slab", tube.mesh, fem.Material(1.0, 0.3))], [])
+    if what == "symmetry":
+        fem.assemble([tube], [], symmetries=[fem.Symmetry("tube", "left")])
+    if what == "remote":
+        fem.assemble([tube], [], remotes=[fem.Remote("r", "tube", "left", (0.0, 0.0))])
+    if what == "axis":
+        solid = fem.Body("rod", ring("Q1", 2, 0.0, 2.0, 1.0), steel())
+        fem.assemble(
+            [solid], [fem.Contact("rod", "left", mu=0.0, plane=((0, 0), (1, 0)))]
+        )
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("negative", "has nodes at r = -1"),
+        ("space", "its mesh must be in the plane"),
+        ("thickness", "a body of revolution has neither"),
+        ("mixed", "body 'slab' is plane and others are axisymmetric"),
+        ("symmetry", "symmetry on 'left' of body 'tube'"),
+        ("remote", "remote 'r': bodies of revolution have no remotes"),
+        ("axis", "contact on 'left' of body 'rod' has no area at"),
+    ],
+)
+def test_what_a_body_of_revolution_cannot_have(what: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        refused(what)
+
+
+def test_only_the_motion_along_the_axis_is_free() -> None:
+    """A ring that nothing holds moves along z; contact with a plane holds it."""
+    from bipot_rs.fem.checks.free_bodies import describe_free_bodies
+
+    tube = fem.Body("tube", ring("Q1", 2, 1.0, 2.0, 1.0), steel())
+    (words,) = describe_free_bodies(
+        fem.assemble(
+            [tube], [fem.Contact("tube", "right", mu=0.0, plane=((2, 0), (-1, 0)))]
+        )
+    )
+    assert "translation along z" in words
+    held = fem.Contact("tube", "bottom", mu=0.0, plane=((0, 0), (0, 1)))
+    model = fem.assemble([tube], [held])
+    assert not list(describe_free_bodies(model))
+    load = model.nodal_forces(fem.Load("tube", "top", pressure=2.0))
+    result = solve(model, load)
+    assert result.reaction[0, :, 0].sum() == pytest.approx(2 * np.pi * 3, rel=1e-10)
