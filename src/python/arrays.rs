@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::pages::zeros;
-use crate::linalg::sparse::rows::OwnedMatrix;
+use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
 use crate::tasks;
 use crate::threads;
@@ -55,6 +55,14 @@ impl<'a> CsrArrays<'a> {
             index: many_indices(&csr.1, what, num_threads)?,
             values: csr.2.as_slice()?,
         })
+    }
+
+    pub(super) fn rows(&self) -> Rows<'_> {
+        Rows {
+            row_ptr: &self.pointer,
+            columns: &self.index,
+            values: self.values,
+        }
     }
 }
 

@@ -13,7 +13,6 @@ use crate::condensation::problem::{Confirmed, Problem};
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::csc::Symmetric;
-use crate::linalg::sparse::rows::Rows;
 use crate::path::stepping::{State, reduced_step};
 use crate::proof::uniqueness::Unique;
 use crate::python::arrays::{self, CsrArrays, LawArrays, Matrix, NewMatrix, Vector};
@@ -66,15 +65,11 @@ impl Arguments<'_> {
         let problem = interrupt::watch(py, num_threads, tell, |stop| {
             // The converted indices are freed before the factor is made.
             let mut sorted = {
-                let (k, b) = (self.stiffness, self.contact);
+                let k = self.stiffness;
                 let n = k.pointer.len().saturating_sub(1);
                 SortedProblem::new(ProblemArrays {
                     stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
-                    contact: Rows {
-                        row_ptr: &b.pointer,
-                        columns: &b.index,
-                        values: b.values,
-                    },
+                    contact: self.contact.rows(),
                     gap,
                     law: &self.law,
                     fixed: &self.fixed,

@@ -10,7 +10,6 @@ use crate::error::Error;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
-use crate::linalg::sparse::rows::Rows;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::own_nodes::AboutNodes;
@@ -113,11 +112,7 @@ impl Arguments<'_> {
                 limit: self.held.len(),
             });
         }
-        let rows = Rows {
-            row_ptr: &self.contact.pointer,
-            columns: &self.contact.index,
-            values: self.contact.values,
-        };
+        let rows = self.contact.rows();
         rows.check("B", D * gap.len(), places)?;
         let free: Vec<bool> = self.position.iter().map(Option::is_none).collect();
         let block = |node: usize| positive::<D>(&self.blocks[D * D * node..], &free[D * node..]);

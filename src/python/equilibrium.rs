@@ -12,7 +12,7 @@ use crate::equilibrium::multiplier::find_limit;
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
-use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
+use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::python::arrays::{
     Csr, CsrArrays, Indices, NewVector, Vector, from_vec, indices, length,
 };
@@ -39,14 +39,15 @@ impl PyStatics {
         cohesion: Vector<'_>,
     ) -> PyResult<Self> {
         let csr = CsrArrays::new(&rows, "R", None)?;
-        let view = Rows {
-            row_ptr: &csr.pointer,
-            columns: &csr.index,
-            values: csr.values,
-        };
         let (friction, cohesion) = (friction.as_slice()?, cohesion.as_slice()?);
         let sizes = indices(&sizes, "sizes")?;
-        let statics = Statics::new(view, motions, &sizes, friction.to_vec(), cohesion.to_vec())?;
+        let statics = Statics::new(
+            csr.rows(),
+            motions,
+            &sizes,
+            friction.to_vec(),
+            cohesion.to_vec(),
+        )?;
         Ok(Self { statics })
     }
 
@@ -168,11 +169,7 @@ impl PyConeSet {
     ) -> PyResult<Self> {
         let own = |csr: &Csr<'_>, rows: usize| -> PyResult<OwnedMatrix> {
             let csr = CsrArrays::new(csr, "cones", None)?;
-            let view = Rows {
-                row_ptr: &csr.pointer,
-                columns: &csr.index,
-                values: csr.values,
-            };
+            let view = csr.rows();
             view.check("cones", rows, unknowns)?;
             Ok(view.select(Some))
         };

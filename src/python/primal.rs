@@ -9,7 +9,6 @@ use crate::condensation::condense::ProblemArrays;
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::csc::{Index, Symmetric};
-use crate::linalg::sparse::rows::Rows;
 use crate::primal::path::PrimalPath;
 use crate::primal::problem::Primal;
 use crate::python::arrays::{self, Csr, CsrArrays, Indices, LawArrays, Matrix, NewVector, Vector};
@@ -81,15 +80,10 @@ impl Arguments<'_> {
         gap: &[[f64; D]],
         stop: &AtomicBool,
     ) -> Result<Primal<D>, Error> {
-        let b = &self.contact;
         let n = self.pointer.len().saturating_sub(1);
         let given = ProblemArrays {
             stiffness: Symmetric::new(n, &self.pointer, columns, self.values)?,
-            contact: Rows {
-                row_ptr: &b.pointer,
-                columns: &b.index,
-                values: b.values,
-            },
+            contact: self.contact.rows(),
             gap,
             law: &self.law,
             fixed: &self.fixed,

@@ -39,10 +39,11 @@ def of_models(name: str) -> bool:
 
 
 def datasets(path: Path) -> dict[str, Any]:
+    """The datasets of a result by name, without those of /VTKHDF, which show them to VTK."""
     datasets_by_name = {}
 
     def take(name: str, node: Any) -> None:
-        if isinstance(node, h5py.Dataset):
+        if isinstance(node, h5py.Dataset) and not name.startswith("VTKHDF"):
             datasets_by_name[name] = (node.dtype.str, node.shape, node[()].tobytes())
 
     with h5py.File(path) as file:
