@@ -9,7 +9,6 @@ macro_rules! fitted {
     ($($(#[$doc:meta])* $name:ident: $kind:ident = $value:expr;)+) => {$(
         $(#[$doc])*
         #[inline]
-        #[must_use]
         pub(crate) fn $name() -> $kind {
             #[cfg(feature = "tuning")]
             {

@@ -19,6 +19,9 @@
 //! the displacements, for large bodies), and `python` (with the
 //! feature of this name).
 
+// A result that is not needed is given up by `let _ =`.
+#![warn(unused_results)]
+
 pub mod assembly;
 pub mod bodies;
 pub mod condensation;

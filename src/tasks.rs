@@ -13,7 +13,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Does both, on two threads of the pool if this is one of its threads.
 pub fn join(first: impl FnOnce() + Send, second: impl FnOnce() + Send) {
     if rayon::current_thread_index().is_some() {
-        rayon::join(first, second);
+        let _ = rayon::join(first, second);
     } else {
         first();
         second();

@@ -62,31 +62,26 @@ impl Cells {
     }
 
     /// Number of cells.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.node.len() / self.corners.max(1)
     }
 
     /// Number of nodes of each cell.
-    #[must_use]
     pub fn corners(&self) -> usize {
         self.corners
     }
 
     /// Number of nodes of the mesh.
-    #[must_use]
     pub fn nodes(&self) -> usize {
         self.nodes
     }
 
     /// Nodes of one cell.
-    #[must_use]
     pub fn of(&self, cell: usize) -> &[u32] {
         &self.node[cell * self.corners..][..self.corners]
     }
 
     /// Nodes of all cells, one cell after the other.
-    #[must_use]
     pub fn flat(&self) -> &[u32] {
         &self.node
     }

@@ -144,7 +144,6 @@ pub struct Integrator<'a, const D: usize> {
 
 impl<'a, const D: usize> Integrator<'a, D> {
     /// For cells of one kind.
-    #[must_use]
     pub fn new(reference: &'a Reference<D>) -> Self {
         Self {
             reference,
@@ -159,7 +158,6 @@ impl<'a, const D: usize> Integrator<'a, D> {
     /// `corners` are the positions of the nodes relative to the first: far from the origin
     /// positions themselves have lost digits. Returns which cells are valid, neither folded nor
     /// flat; the others have no matrix.
-    #[must_use]
     pub fn matrices(
         &mut self,
         corners: &[[Lanes; D]],

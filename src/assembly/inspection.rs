@@ -33,7 +33,6 @@ pub struct Rows<'a, I> {
 ///
 /// # Panics
 /// If the row pointers are not those of the values.
-#[must_use]
 pub fn diagonal<I>(k: &Rows<'_, I>) -> Vec<f64>
 where
     I: Copy + Sync,
@@ -82,7 +81,6 @@ struct Row {
 ///
 /// # Panics
 /// If `places` is shorter than K, or an index is not one of K.
-#[must_use]
 pub fn bodies<I, const D: usize>(k: Rows<'_, I>, places: &[[f64; D]]) -> Bodies<D>
 where
     I: Copy + Sync,

@@ -39,7 +39,6 @@ index!(i64);
 
 impl Pattern {
     /// The pattern of a mesh.
-    #[must_use]
     pub fn new(cells: &Cells) -> Self {
         let around = Around::new(cells);
         let nodes = cells.nodes();
@@ -74,31 +73,26 @@ impl Pattern {
     }
 
     /// Number of nodes.
-    #[must_use]
     pub fn nodes(&self) -> usize {
         self.start.len() - 1
     }
 
     /// Number of blocks.
-    #[must_use]
     pub fn blocks(&self) -> usize {
         self.column.len()
     }
 
     /// Number of blocks in the rows before that of `node`.
-    #[must_use]
     pub fn start(&self, node: usize) -> usize {
         self.start[node]
     }
 
     /// The nodes that share a cell with `node`, ascending.
-    #[must_use]
     pub fn row(&self, node: usize) -> &[u32] {
         &self.column[self.start[node]..self.start[node + 1]]
     }
 
     /// Row pointers and columns of the degrees of freedom, `D` for each node.
-    #[must_use]
     pub fn csr<const D: usize, I: Index>(&self) -> (Vec<I>, Vec<I>) {
         let nodes = self.nodes();
         let rows = chunk_of_rows(nodes);

@@ -20,7 +20,6 @@ pub enum RigidMotion {
 }
 
 /// All rigid motions: translations, then rotations. In the plane the only rotation is about z.
-#[must_use]
 pub fn list_motions(dimension: usize) -> Vec<RigidMotion> {
     let axes = if dimension == 2 { 2..3 } else { 0..3 };
     let translations = (0..dimension).map(RigidMotion::Translation);
@@ -31,7 +30,6 @@ pub fn list_motions(dimension: usize) -> Vec<RigidMotion> {
 
 impl RigidMotion {
     /// The motion of a degree of freedom at `arm` from the centre.
-    #[must_use]
     pub fn at(self, direction: DofDirection, arm: [f64; 3], reach: f64) -> f64 {
         match (self, direction) {
             (Self::Translation(axis), DofDirection::Along(k)) => f64::from(u8::from(axis == k)),
@@ -58,7 +56,6 @@ impl RigidMotion {
 ///
 /// # Panics
 /// If `b` is neither 2 nor 3, or the coordinates are not `b` for each node.
-#[must_use]
 pub fn motions_of_nodes(coordinates: &[f64], b: usize) -> Vec<f64> {
     assert!(b == 2 || b == 3, "bodies are in the plane or in space");
     assert_eq!(coordinates.len() % b, 0);
@@ -100,7 +97,6 @@ pub fn motions_of_nodes(coordinates: &[f64], b: usize) -> Vec<f64> {
 }
 
 /// The form of [`motions_of_nodes`] without coordinates: rotations are zero.
-#[must_use]
 pub fn translations_of_nodes(nodes: usize, b: usize) -> Vec<f64> {
     let m = 3 * (b - 1);
     let mut vectors = zeros(nodes * b * m);

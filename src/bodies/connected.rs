@@ -8,7 +8,6 @@ use crate::linalg::sparse::rows::OwnedMatrix;
 
 /// The free part of a symmetric matrix, both triangles from its lower one, and the global
 /// numbers of its rows. Stored zeros are omitted except where [`in_use`] keeps them.
-#[must_use]
 pub fn free_part(
     k: &Symmetric,
     symmetry: Symmetry,
@@ -176,7 +175,6 @@ fn nodes(k: &Symmetric) -> (Vec<usize>, Vec<Vec<usize>>) {
 }
 
 /// Columns of a symmetric matrix at `fixed`, with the rows that are not fixed.
-#[must_use]
 pub fn columns<I: Index>(
     k: &Symmetric<I>,
     fixed: &[usize],
@@ -194,7 +192,6 @@ pub fn columns<I: Index>(
 }
 
 /// Number of each row within its component.
-#[must_use]
 pub fn local_numbers(component: &[usize], count: usize) -> Vec<usize> {
     let mut next = vec![0; count];
     let number = |&c: &usize| {
@@ -205,7 +202,6 @@ pub fn local_numbers(component: &[usize], count: usize) -> Vec<usize> {
 }
 
 /// Splits a block-diagonal matrix into its components, with their rows.
-#[must_use]
 pub fn split(k: OwnedMatrix, component: &[usize]) -> Vec<(Vec<usize>, OwnedMatrix)> {
     let count = component.iter().max().map_or(0, |c| c + 1);
     if count == 1 {

@@ -14,7 +14,6 @@ const SAFE: f64 = 1e-9;
 const SAFE_INSIDE: f64 = 1e-6;
 
 /// Whether the weakest pivot of an interior, if it has one, leaves no doubt.
-#[must_use]
 pub fn is_interior_safe(weakest_pivot: Option<(usize, f64)>) -> bool {
     weakest_pivot.is_none_or(|(_, ratio)| ratio >= SAFE_INSIDE)
 }
@@ -22,7 +21,6 @@ pub fn is_interior_safe(weakest_pivot: Option<(usize, f64)>) -> bool {
 /// Whether the pivots of `S`, scaled to a unit diagonal of `K`, are above all rounding: that of
 /// independent errors of the entries of `K` for a unit motion of the body. A sum of absolute
 /// values would reject large bodies.
-#[must_use]
 pub fn are_pivots_safe(cholesky: &[f64], scale: &[f64], k: &OwnedMatrix) -> bool {
     let rounding = 8.0 * f64::EPSILON * norm(&k.values);
     let pivots = cholesky.iter().step_by(scale.len() + 1).zip(scale);
@@ -34,7 +32,6 @@ pub fn are_pivots_safe(cholesky: &[f64], scale: &[f64], k: &OwnedMatrix) -> bool
 
 /// Whether no motion is soft: the trace of an inverse bounds the softness of each motion;
 /// pivots do not.
-#[must_use]
 pub fn is_inverse_safe(inverse: &[f64], scale: &[f64]) -> bool {
     let diagonal = inverse.iter().step_by(scale.len() + 1).zip(scale);
     let softness: f64 = diagonal.map(|(value, scale)| value / (scale * scale)).sum();

@@ -11,7 +11,6 @@ pub enum DofDirection {
 /// ascending order, displacements along the axes, then rotations if their number is that of a
 /// node of a beam or a shell. Bodies that touch share positions: then runs of consecutive
 /// numbers are nodes.
-#[must_use]
 pub fn find_directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<DofDirection>> {
     let key = |i: usize| places[i].map(|x| (x + 0.0).to_bits());
     let mut order: Vec<usize> = (0..places.len()).collect();

@@ -88,14 +88,14 @@ impl Question<'_> {
         }
         let rigid = self.find_rigid_motions();
         if let Some(motions) = &rigid {
-            self.hold_by_contacts(motions)?;
+            let _ = self.hold_by_contacts(motions)?;
         }
         let mut motions = rigid.clone().unwrap_or_default();
         let softest = self.find_softest_of_all(&motions)?;
         let more = self.believe(softest, rigid.is_some())?;
         if !more.is_empty() {
             motions.extend(more);
-            self.hold_by_contacts(&motions)?;
+            let _ = self.hold_by_contacts(&motions)?;
         }
         Ok(())
     }
@@ -116,7 +116,6 @@ impl Question<'_> {
     }
 
     /// Whether the interior is so soft that motions of it may be free.
-    #[must_use]
     pub fn may_float_inside(&self, factor: &Factor) -> bool {
         if is_interior_safe(factor.weakest_pivot()) {
             return false;

@@ -49,7 +49,6 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    #[must_use]
     pub fn new(
         places: Vec<[f64; 3]>,
         dimension: usize,
@@ -66,7 +65,6 @@ impl Geometry {
     }
 
     /// The positions of some degrees of freedom.
-    #[must_use]
     pub fn list_places(&self, dofs: &[usize]) -> Vec<[f64; 3]> {
         dofs.iter().map(|&i| self.places[i]).collect()
     }
@@ -74,7 +72,6 @@ impl Geometry {
     /// Rigid motions that the stiffness `k` of a body leaves free, a basis over its degrees of
     /// freedom `dofs`. `None` if the directions of the degrees of freedom cannot be found, or do
     /// not fit the stiffness.
-    #[must_use]
     pub fn find_free_motions(&self, dofs: &[usize], k: &OwnedMatrix) -> Option<Vec<Vec<f64>>> {
         let motions = self.list_motions(dofs)?;
         let measure = |i: usize| {
@@ -110,12 +107,11 @@ impl Geometry {
     }
 
     /// Whether a motion of a body is rigid, with or without supports.
-    #[must_use]
     pub fn is_rigid(&self, dofs: &[usize], motion: &[f64]) -> bool {
         let Some(mut rigid) = self.list_motions(dofs) else {
             return false;
         };
-        orthogonalise(&mut rigid);
+        let _ = orthogonalise(&mut rigid);
         let mut rest = motion.to_vec();
         for z in &rigid {
             let along = dot_long(z, motion) / dot_long(z, z);

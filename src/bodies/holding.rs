@@ -15,14 +15,12 @@ pub struct Holding {
 
 impl Holding {
     /// A body that nothing holds.
-    #[must_use]
     pub fn new(motions: usize) -> Self {
         Self {
             columns: vec![Vec::new(); motions],
         }
     }
 
-    #[must_use]
     pub fn motions(&self) -> usize {
         self.columns.len()
     }
@@ -35,13 +33,11 @@ impl Holding {
     }
 
     /// Whether no motion is free.
-    #[must_use]
     pub fn is_held(&self) -> bool {
         self.find_free_motions(ACCURACY).is_empty()
     }
 
     /// The amounts of the free motions, orthonormal; `accuracy` is that of the rows.
-    #[must_use]
     pub fn find_free_motions(&self, accuracy: f64) -> Vec<Vec<f64>> {
         let combinations = Combinations::new(self.columns.clone());
         let held: Vec<bool> = combinations.exceed(accuracy).collect();
@@ -52,7 +48,6 @@ impl Holding {
     }
 
     /// Several bodies as one, with the motions of each after those of the one before.
-    #[must_use]
     pub fn join(bodies: Vec<Self>) -> Self {
         let rows = |body: &Self| body.columns.first().map_or(0, Vec::len);
         let height: usize = bodies.iter().map(rows).sum();

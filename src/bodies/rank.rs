@@ -28,7 +28,6 @@ pub struct Combinations {
 }
 
 impl Combinations {
-    #[must_use]
     pub fn new(mut columns: Vec<Vec<f64>>) -> Self {
         let amounts = orthogonalise(&mut columns);
         Self {
@@ -46,7 +45,6 @@ impl Combinations {
 }
 
 /// The columns, or the independent ones among their combinations if they depend on each other.
-#[must_use]
 pub fn keep_independent(columns: Vec<Vec<f64>>, share: f64) -> Vec<Vec<f64>> {
     let of = Combinations::new(columns.clone());
     if of.exceed(share).all(|exceeds| exceeds) {

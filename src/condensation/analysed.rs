@@ -100,7 +100,6 @@ impl AnalysedBody {
     }
 
     /// Bytes that it holds besides those of the factorisation.
-    #[must_use]
     pub fn bytes(&self) -> u128 {
         let (k, dofs) = (&self.body.stiffness, self.body.dofs.len());
         let places = self.body.geometry.as_ref().map_or(0, |_| 24 * dofs);
@@ -111,14 +110,12 @@ impl AnalysedBody {
     }
 
     /// Bytes that it holds for the factor, from an earlier one of the same pattern.
-    #[must_use]
     pub fn bytes_spare(&self) -> u128 {
         self.body.symbolic.bytes_spare() as u128
     }
 
     /// Further bytes of a repeated factorisation that leaves its stack to the next one: S is
     /// then made beside it. 0 for the first factorisation of an analysis.
-    #[must_use]
     pub fn bytes_left(&self) -> u128 {
         if self.again {
             self.body.symbolic.bytes_stack() as u128 + 8 * (self.counts().kept as u128).pow(2)
@@ -133,7 +130,6 @@ impl AnalysedBody {
     }
 
     /// The cost of the factorisation.
-    #[must_use]
     pub fn counts(&self) -> &Counts {
         self.body.counts()
     }
@@ -219,7 +215,6 @@ impl AnalysedBody {
 }
 
 /// The largest entry of a matrix by absolute value.
-#[must_use]
 pub fn largest(matrix: &OwnedMatrix) -> f64 {
     matrix.values.iter().fold(0.0, |most, a| a.abs().max(most))
 }

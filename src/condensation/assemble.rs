@@ -85,7 +85,6 @@ fn stored_blocks<const D: usize>(islands: &[Members], shares: &[Share]) -> Vec<u
 
 /// Bytes of `W` besides the inverses that it is made of, for bodies with these numbers of kept
 /// unknowns. The inverse of a single body may itself become `W`.
-#[must_use]
 pub fn bytes_beside<const D: usize>(surface: &Surface<D>, kept: &[usize]) -> u128 {
     let shares = &surface.shares;
     let islands = islands::<D>(surface.contacts(), shares);

@@ -136,29 +136,24 @@ impl Bodies {
         })
     }
 
-    #[must_use]
     pub fn order(&self) -> usize {
         self.supports.n
     }
 
-    #[must_use]
     pub fn fixed(&self) -> &[usize] {
         &self.supports.fixed
     }
 
-    #[must_use]
     pub fn supports(&self) -> &Supports {
         &self.supports
     }
 
     /// Body of each rigid motion, and its number within this body.
-    #[must_use]
     pub fn motions(&self) -> &[(usize, usize)] {
         &self.motions
     }
 
     /// The degree of freedom with the largest displacement in a rigid motion.
-    #[must_use]
     pub fn most_moved(&self, motion: usize) -> usize {
         let (body, k) = self.motions[motion];
         self.list[body].most_moved(k)
@@ -166,7 +161,6 @@ impl Bodies {
 
     /// `K` by rows, from the matrices of the bodies. It lacks the entries between two
     /// prescribed degrees of freedom, on which no result depends.
-    #[must_use]
     pub fn stiffness(&self) -> OwnedMatrix {
         let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.order()];
         for body in &self.list {
@@ -214,7 +208,6 @@ impl Bodies {
     }
 
     /// Adds `B K⁻¹ f` to `v` and returns `e = Rᵀ f_c`, (4).
-    #[must_use]
     pub fn free_displacement<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -385,7 +378,6 @@ impl Bodies {
     }
 
     /// The counts of all bodies.
-    #[must_use]
     pub fn stats(&self) -> Stats {
         let mut stats = Stats {
             bytes_peak: self.needed,
@@ -420,7 +412,6 @@ impl Bodies {
 }
 
 /// The counts of bodies that are analysed but not condensed; `dropped` as in [`needed`].
-#[must_use]
 pub fn forecast(parts: &[AnalysedBody], dropped: bool) -> Forecast {
     let mut told = Forecast {
         bodies: parts.len(),
@@ -441,7 +432,6 @@ pub fn forecast(parts: &[AnalysedBody], dropped: bool) -> Forecast {
 
 /// Largest number of bytes during a condensation: those of all bodies, and the working memory
 /// of the body that needs most.
-#[must_use]
 pub fn needed(parts: &[AnalysedBody], dropped: bool) -> u128 {
     let mut held = 0;
     let mut most = 0;

@@ -133,26 +133,22 @@ impl Body {
     }
 
     /// What it was before its factorisation.
-    #[must_use]
     pub fn ordered(&self) -> &OrderedBody {
         &self.ordered
     }
 
     /// Number of unknowns of `S`.
-    #[must_use]
     pub fn kept(&self) -> usize {
         self.ordered.kept.len()
     }
 
     /// Index among the kept unknowns of a local degree of freedom.
-    #[must_use]
     pub fn place(&self, dof: usize) -> Option<usize> {
         let place = self.place[dof];
         (place != u32::MAX).then_some(place as usize)
     }
 
     /// Its degrees of freedom in the numbering of the caller.
-    #[must_use]
     pub fn dofs(&self) -> &[usize] {
         self.ordered.dofs()
     }
@@ -165,20 +161,17 @@ impl Body {
     }
 
     /// The power of two by which its stiffness is multiplied.
-    #[must_use]
     pub fn unit(&self) -> f64 {
         self.ordered.unit
     }
 
     /// The largest stiffness on the diagonal of K at some local degrees of freedom.
-    #[must_use]
     pub fn stiffest(&self, dofs: impl Iterator<Item = usize>) -> f64 {
         let of = |i| self.ordered.stiffness.diagonal(i) / self.unit();
         dofs.map(of).fold(0.0, f64::max)
     }
 
     /// The factor, unless it was dropped.
-    #[must_use]
     pub fn factor(&self) -> Option<&Factor> {
         match &self.interior {
             Interior::Factored(factor) => Some(factor),
@@ -191,13 +184,11 @@ impl Body {
     }
 
     /// A rigid motion of all its degrees of freedom.
-    #[must_use]
     pub fn motion(&self, motion: usize) -> &[f64] {
         &self.contact.motions.whole[motion]
     }
 
     /// Number of rigid motions that its supports leave free.
-    #[must_use]
     pub fn motions(&self) -> usize {
         self.contact.motions.kept.len()
     }
@@ -208,7 +199,6 @@ impl Body {
     }
 
     /// The degree of freedom with the largest displacement in a rigid motion.
-    #[must_use]
     pub fn most_moved(&self, motion: usize) -> usize {
         let mode = &self.contact.motions.kept[motion];
         let most = (0..mode.len()).fold(0, |best, k| {
@@ -222,7 +212,6 @@ impl Body {
     }
 
     /// Amounts of its rigid motions in a rigid displacement of all degrees of freedom.
-    #[must_use]
     pub fn motion_amounts(&self, u: &[f64]) -> Vec<f64> {
         let kept = self.ordered.kept.iter();
         let kept: Vec<f64> = kept.map(|&i| u[self.dofs()[i]]).collect();
@@ -233,7 +222,6 @@ impl Body {
     /// Condenses the part of a force on this body, in its unit: interior unknowns after the
     /// forward solve, contact forces `f_c − K_ci K_ii⁻¹ f_i`. Without the factor, the latter
     /// for a force with its number among those given in advance.
-    #[must_use]
     pub fn condense(&self, force: &[f64], known: Option<usize>) -> Vec<f64> {
         let mut local = self.ordered.scale_forces(force);
         match &self.interior {
@@ -255,7 +243,6 @@ impl Body {
     /// Work within its rounding error is zero: no reaction must balance it. If `K` amplifies
     /// rounding, it stays: there the motions have the same error, and with reactions that
     /// balance the body both cancel.
-    #[must_use]
     pub fn rigid_load(&self, load: &[f64], force: &[f64]) -> Vec<f64> {
         /// Work above this share of its largest possible value is above its error: 16 ε
         /// [`DIGITS`], and a thousand for the interior.
@@ -291,13 +278,12 @@ impl Body {
             && !motions.iter().zip(&work).all(is_clear)
             && let Ok(rounding) = self.load_rounding(force)
         {
-            drop_rounding(&mut work, &rounding);
+            let _ = drop_rounding(&mut work, &rounding);
         }
         work
     }
 
     /// `(S + α R Rᵀ)⁻¹ (I − R Rᵀ) f_c`.
-    #[must_use]
     pub fn free_displacement(&self, condensed: &[f64]) -> Vec<f64> {
         let mut u = self.ordered.at_contacts(condensed);
         self.balance(&mut u);

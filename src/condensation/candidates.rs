@@ -170,7 +170,6 @@ impl<const D: usize> Candidates<D> {
     }
 
     /// The initial contacts, ascending.
-    #[must_use]
     pub fn seeds(&self) -> &[usize] {
         &self.seeds
     }
@@ -260,7 +259,7 @@ impl<const D: usize> Candidates<D> {
         let mut known = HashMap::new();
         if let Some((members, share)) = before {
             for (k, row) in share.rows.iter().enumerate() {
-                known.insert(global(members, row.row), k);
+                let _ = known.insert(global(members, row.row), k);
             }
         }
         let old = before.and_then(|(_, share)| share.far.as_ref());

@@ -29,7 +29,6 @@ impl Notice {
     }
 
     /// The forecast, once.
-    #[must_use]
     pub fn take(&self) -> Option<Forecast> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
     }

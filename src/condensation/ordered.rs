@@ -27,13 +27,11 @@ pub struct OrderedBody {
 
 impl OrderedBody {
     /// Its degrees of freedom in the numbering of the caller.
-    #[must_use]
     pub fn dofs(&self) -> &[usize] {
         &self.dofs
     }
 
     /// The cost of the factorisation.
-    #[must_use]
     pub fn counts(&self) -> &Counts {
         self.symbolic.counts()
     }

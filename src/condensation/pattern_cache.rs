@@ -48,7 +48,6 @@ pub struct Lookup<'a> {
 
 impl Lookup<'_> {
     /// The analysis of this pattern, if it is stored.
-    #[must_use]
     pub fn find(&self) -> Option<Arc<Symbolic>> {
         // Compare without the lock, so that others may look too.
         let list: Vec<Arc<CachedAnalysis>> = KNOWN.lock()?.clone();

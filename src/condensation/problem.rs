@@ -66,7 +66,6 @@ impl<const D: usize> Problem<D> {
         Condensed::new(sorted, before, stop).map(Self::Whole)
     }
 
-    #[must_use]
     pub fn bodies(&self) -> &Arc<Bodies> {
         match self {
             Self::Whole(problem) => problem.bodies(),
@@ -74,7 +73,6 @@ impl<const D: usize> Problem<D> {
         }
     }
 
-    #[must_use]
     pub fn surface(&self) -> &Surface<D> {
         match self {
             Self::Whole(problem) => problem.surface(),
@@ -82,12 +80,10 @@ impl<const D: usize> Problem<D> {
         }
     }
 
-    #[must_use]
     pub fn contacts(&self) -> usize {
         self.surface().contacts()
     }
 
-    #[must_use]
     pub fn law(&self) -> &[ContactLaw] {
         match self {
             Self::Whole(problem) => problem.law(),
@@ -95,7 +91,6 @@ impl<const D: usize> Problem<D> {
         }
     }
 
-    #[must_use]
     pub fn stats(&self) -> &Stats {
         match self {
             Self::Whole(problem) => problem.stats(),
@@ -104,7 +99,6 @@ impl<const D: usize> Problem<D> {
     }
 
     /// Bytes of the compliance formed so far.
-    #[must_use]
     pub fn bytes_compliance(&self) -> usize {
         match self {
             Self::Whole(problem) => problem.compliance().bytes(),

@@ -37,7 +37,6 @@ pub struct Far {
 
 impl Far {
     /// The two parts of a column.
-    #[must_use]
     pub fn column(&self, k: usize, kept: usize) -> (&[f64], &[f64]) {
         let reached = self.reach.pivots().len();
         (
@@ -125,7 +124,6 @@ impl Share {
     }
 
     /// `unit Bᵀ r` at the degrees of freedom of the body.
-    #[must_use]
     pub fn push(&self, body: &Body, reaction: &[f64]) -> Vec<f64> {
         let mut push = vec![0.0; body.dofs().len()];
         for row in &self.rows {
@@ -154,7 +152,6 @@ pub struct Surface<const D: usize> {
 impl<const D: usize> Surface<D> {
     /// Sorts the rows of `B` by bodies. `place` has the body and the local number of each free
     /// degree of freedom, `position` the number of each prescribed one.
-    #[must_use]
     pub fn new(
         contact: &Rows,
         gap: &[[f64; D]],
@@ -181,7 +178,6 @@ impl<const D: usize> Surface<D> {
         }
     }
 
-    #[must_use]
     pub fn contacts(&self) -> usize {
         self.gap.len()
     }
@@ -210,7 +206,6 @@ impl<const D: usize> Surface<D> {
     }
 
     /// The same contacts with `Q B` and `Q g`, without half solves.
-    #[must_use]
     pub fn rotated(&self, rotation: &Rotation<D>) -> Self {
         let shares: Vec<Share> = self.shares.iter().map(|s| s.rotated(rotation)).collect();
         let mut moved = vec![false; self.contacts()];
@@ -229,7 +224,6 @@ impl<const D: usize> Surface<D> {
 
     /// `B u + gap` of a displacement, with sums in twice the precision. `low` are the digits of
     /// `u` below its rounding, `fixed` the prescribed degrees of freedom.
-    #[must_use]
     pub fn relative_displacement(
         &self,
         bodies: &[Body],
@@ -241,7 +235,6 @@ impl<const D: usize> Surface<D> {
     }
 
     /// `B u` in the same way.
-    #[must_use]
     pub fn product(&self, bodies: &[Body], fixed: &[usize], u: &[f64]) -> Vec<[f64; D]> {
         let nothing = vec![0.0; D * self.contacts()];
         self.sums(bodies, fixed, (u, None), &nothing)
@@ -268,7 +261,6 @@ impl<const D: usize> Surface<D> {
     }
 
     /// Some of the contacts, ascending, without half solves.
-    #[must_use]
     pub fn of(&self, members: &[usize]) -> Self {
         let mut number = vec![usize::MAX; self.contacts()];
         for (k, &contact) in members.iter().enumerate() {

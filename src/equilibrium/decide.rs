@@ -30,7 +30,6 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Balanced => "balanced",
@@ -177,7 +176,7 @@ fn decide_part(
         }
         if decision.verdict == Verdict::Undecided {
             let motion = part.find_shortest(limits)?;
-            exclude(&mut decision, &mut repair, &motion, load, limits)?;
+            let _ = exclude(&mut decision, &mut repair, &motion, load, limits)?;
         }
     }
     if decision.reaction.iter().any(|r| !r.is_finite()) {

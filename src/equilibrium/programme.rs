@@ -152,7 +152,7 @@ fn solve_watched(solver: &mut DefaultSolver<f64>, stop: &AtomicBool) {
     solver.set_termination_callback(move |_| seen.load(Ordering::Relaxed));
     thread::scope(|scope| {
         let (running, ended) = channel::<()>();
-        scope.spawn(move || {
+        let _ = scope.spawn(move || {
             while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
                 if stop.load(Ordering::Relaxed) {
                     stopped.store(true, Ordering::Relaxed);

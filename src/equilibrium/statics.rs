@@ -73,7 +73,6 @@ impl Statics {
 
     /// Whether reactions without loads may be added to balanced ones: all are inside their cones,
     /// and there are more of them than motions.
-    #[must_use]
     pub fn has_self_stress(&self, reaction: &[f64]) -> bool {
         /// A reaction is inside by this share of the largest.
         const INSIDE: f64 = 1e-9;
@@ -99,24 +98,20 @@ impl Statics {
         inside && unknowns > self.motions
     }
 
-    #[must_use]
     pub fn motions(&self) -> usize {
         self.motions
     }
 
     /// Number of rows of `R`.
-    #[must_use]
     pub fn rows(&self) -> usize {
         self.friction.len()
     }
 
-    #[must_use]
     pub fn contacts(&self) -> usize {
         self.cohesion.len()
     }
 
     /// The same contacts without cohesion.
-    #[must_use]
     pub(super) fn without_cohesion(&self) -> Self {
         Self {
             cohesion: vec![0.0; self.cohesion.len()],
@@ -125,7 +120,6 @@ impl Statics {
     }
 
     /// Whether a contact has friction.
-    #[must_use]
     pub fn rubs(&self, contact: usize) -> bool {
         self.largest_friction(contact) > 0.0 || self.cohesion[contact] > 0.0
     }
@@ -148,7 +142,6 @@ impl Statics {
     }
 
     /// `Rᵀ r + e`, rounded once.
-    #[must_use]
     pub fn imbalance(&self, reaction: &[f64], load: &[f64]) -> Vec<f64> {
         let mut sums: Vec<Sum> = load.iter().map(|&e| Sum::new(e)).collect();
         for (row, &r) in reaction.iter().enumerate() {
@@ -160,7 +153,6 @@ impl Statics {
     }
 
     /// Length of each column of `R`, 1 for a motion that moves no contact: the unit of a motion.
-    #[must_use]
     pub(super) fn column_lengths(&self) -> Vec<f64> {
         let mut lengths = vec![0.0_f64; self.motions];
         for row in 0..self.friction.len() {
@@ -174,7 +166,6 @@ impl Statics {
 
     /// Groups of motions that share no contact, each with its contacts. They balance apart, so
     /// that the loads of a heavy body do not hide those of a light one.
-    #[must_use]
     pub(super) fn groups(&self) -> Vec<(Vec<usize>, Vec<usize>)> {
         let mut sets = Union::new(self.motions);
         let mut leader = vec![None; self.contacts()];

@@ -27,7 +27,6 @@ pub struct Linearised<const D: usize> {
 
 impl<const D: usize> Linearised<D> {
     /// How many components of `v`, from the normal one, the rows make zero.
-    #[must_use]
     pub fn held(&self) -> usize {
         match self.status {
             Status::Open => 0,
@@ -38,7 +37,6 @@ impl<const D: usize> Linearised<D> {
 }
 
 /// `F` and an element of its generalised derivative at `(r, v)`, scaled.
-#[must_use]
 pub fn linearised<const D: usize>(
     r: &[f64; D],
     v: &[f64; D],
@@ -92,7 +90,6 @@ pub fn linearised<const D: usize>(
 }
 
 /// The rows of an open contact, also where `x` is not: `r_n = 0`, and friction up to the cohesion.
-#[must_use]
 pub fn open_rows<const D: usize>(r: &[f64; D], v: &[f64; D], law: &ContactLaw) -> Linearised<D> {
     if law.cohesion == 0.0 {
         return Linearised {

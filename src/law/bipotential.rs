@@ -6,7 +6,6 @@ use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 
 /// `ṽ = v + (μ − β)‖v_t‖ n` (9): the correction that makes the rule of slip a normality
 /// law, `K*_μ ∋ ṽ ⊥ r ∈ K_μ` without cohesion.
-#[must_use]
 pub fn corrected<const D: usize>(v: &[f64; D], law: impl Into<ContactLaw>) -> [f64; D] {
     let mut corrected = *v;
     corrected[0] += law.into().correction() * tangential_norm(v);
@@ -19,7 +18,6 @@ pub fn corrected<const D: usize>(v: &[f64; D], law: impl Into<ContactLaw>) -> [f
 /// r_n − ρ v_n − μ (ρ‖v_t‖ − ‖r_t − ρ v_t‖) + β ρ‖v_t‖ − μ c`. The difference of norms is
 /// computed as a quotient without cancellation: for a large μ, the rounding of `μ‖v_t‖` would
 /// otherwise hide `v_n`, and penetration with it.
-#[must_use]
 pub fn law_step<const D: usize>(
     r: &[f64; D],
     v: &[f64; D],
@@ -46,7 +44,6 @@ pub fn law_step<const D: usize>(
 /// r_t·v_t` in units of work (10).
 ///
 /// Non-negative for `v_n ≥ β‖v_t‖` and `r ∈ C`, and zero exactly if the law holds.
-#[must_use]
 pub fn gap<const D: usize>(r: &[f64; D], v: &[f64; D], law: impl Into<ContactLaw>) -> f64 {
     let law: ContactLaw = law.into();
     let gap = dot(r, &corrected(v, law));
@@ -73,7 +70,6 @@ impl<const D: usize> StartState<D> {
     /// indicators of `Δt ∈ ΔK_μ` and `Δu_n + u_n⁰ + h₀ ≥ 0`. The paper omits the constant
     /// `t_n⁰ (u_n⁰ + h₀)`, which is zero for a start state on the law. It is included here, so
     /// that `b + Δt·Δu` is a sum of two non-negative terms for any start state.
-    #[must_use]
     pub fn bipotential(&self, du: &[f64; D], dt: &[f64; D], law: impl Into<ContactLaw>) -> f64 {
         let gap = self.gap(du, dt, law);
         if gap.is_finite() {
@@ -88,7 +84,6 @@ impl<const D: usize> StartState<D> {
     ///
     /// Computed from the totals, `(t_n⁰ + Δt_n)(Δu_n + u_n⁰ + h₀)` and
     /// `(t_t⁰ + Δt_t)·Δu_t + μ (t_n⁰ + Δt_n) ‖Δu_t‖`, where only the friction work cancels.
-    #[must_use]
     pub fn gap(&self, du: &[f64; D], dt: &[f64; D], law: impl Into<ContactLaw>) -> f64 {
         let law: ContactLaw = law.into();
         let total: [f64; D] = std::array::from_fn(|k| self.reaction[k] + dt[k]);

@@ -22,7 +22,6 @@ pub enum Status {
 /// the frictionless half-line, where a pressed node is [`Status::Slip`]: it is free to slide.
 /// With cohesion an open node may have a tangential reaction, up to `c`. A friction coefficient
 /// alone is Coulomb's law. The numbers of the law are checked before, once for all nodes.
-#[must_use]
 pub fn project<const D: usize>(tau: &[f64; D], law: impl Into<ContactLaw>) -> ([f64; D], Status) {
     let law = law.into();
     shifted(tau, |tau, up| {
@@ -96,7 +95,6 @@ pub(super) fn project_with_height<const D: usize>(
 /// project, translate back.
 ///
 /// A sticking increment is returned unchanged, bit for bit. An open one is exactly `−t⁰`.
-#[must_use]
 pub fn project_increment<const D: usize>(
     tau: &[f64; D],
     base: &[f64; D],
@@ -130,7 +128,6 @@ pub(super) fn translated<const D: usize>(
 /// Slip, with `t = τ_t/‖τ_t‖` and the unit ray `m = (1, μ t)/√(1+μ²)`:
 /// `m mᵀ + (‖r_t‖/‖τ_t‖) (I − t tᵀ)` on the tangential block. Open with cohesion: the latter
 /// alone, and `I` on the tangential block within the disc.
-#[must_use]
 pub fn derivative<const D: usize>(tau: &[f64; D], law: impl Into<ContactLaw>) -> Block<D> {
     let law: ContactLaw = law.into();
     let (r, status) = project(tau, law);

@@ -24,37 +24,31 @@ pub struct ContactLaw {
 
 impl ContactLaw {
     /// Coulomb's law of each contact.
-    #[must_use]
     pub fn coulomb(mu: &[f64]) -> Vec<Self> {
         mu.iter().map(|&mu| Self::from(mu)).collect()
     }
 
     /// Whether it is Coulomb's.
-    #[must_use]
     pub fn is_coulomb(&self) -> bool {
         self.cohesion == 0.0 && self.dilatancy == 0.0
     }
 
     /// Whether a tangential reaction is possible.
-    #[must_use]
     pub fn has_friction(&self) -> bool {
         self.mu > 0.0 || self.cohesion > 0.0
     }
 
     /// `c + μ r_n`.
-    #[must_use]
     pub fn limit(&self, r_n: f64) -> f64 {
         self.cohesion + self.mu * r_n
     }
 
     /// `μ − β`, the coefficient of the correction (9): zero for an associated law.
-    #[must_use]
     pub fn correction(&self) -> f64 {
         self.mu - self.dilatancy
     }
 
     /// `v_n − β‖v_t‖`, which is complementary to `r_n`.
-    #[must_use]
     pub fn opening<const D: usize>(&self, v: &[f64; D]) -> f64 {
         if self.dilatancy == 0.0 {
             return v[0];
@@ -63,7 +57,6 @@ impl ContactLaw {
     }
 
     /// The law of `to_r r`. In these variables a larger cohesion is never reached.
-    #[must_use]
     pub fn scaled(self, to_r: f64) -> Self {
         Self {
             cohesion: (self.cohesion * to_r).min(LARGEST_COHESION),

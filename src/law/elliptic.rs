@@ -30,7 +30,6 @@ use crate::law::cone::{Status, project, shifted, translated};
 /// both sides is convex and decreasing. Newton's iteration from `s = 0`, the boundary of the
 /// cone or of its polar, does not pass the root except by rounding, where it stops. Near this
 /// boundary the first step is accurate to the digits of the distance from it.
-#[must_use]
 pub fn project_elliptic(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {
     if mu[0].to_bits() == mu[1].to_bits() {
         return project(tau, mu[0]);
@@ -39,7 +38,6 @@ pub fn project_elliptic(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {
 }
 
 /// [`project_elliptic`] onto `K_D − t⁰`.
-#[must_use]
 pub fn project_elliptic_increment(
     tau: &[f64; 3],
     base: &[f64; 3],

@@ -45,7 +45,6 @@ pub struct Face<const D: usize> {
 
 impl<const D: usize> Face<D> {
     /// The face of a reaction that lies in the cone up to rounding, such as a projection.
-    #[must_use]
     pub fn of(r: &[f64; D], law: impl Into<ContactLaw>) -> Self {
         let law: ContactLaw = law.into();
         let pressed = r[0] > NOTHING;
@@ -88,7 +87,6 @@ impl<const D: usize> Face<D> {
     ///
     /// `y` is the projection of `V` onto a convex set: the dual at the apex, a ray along
     /// `m = (μ, −t)` on a ray, zero inside. So `e` changes by no more than `V`.
-    #[must_use]
     pub fn misfit(&self, v: &[f64; D], dv: &[f64; D], p: f64, mu: f64) -> ([f64; D], [f64; D]) {
         // Without friction K* is v_n ≥ 0, and y has the tangents of V.
         let (v, dv) = if self.smooth {
@@ -155,7 +153,6 @@ impl<const D: usize> Face<D> {
     }
     /// The same for a contact that slides in a known direction: its reaction lies on the ray of
     /// this face, so that `V·r = p v_n r_n`.
-    #[must_use]
     pub fn misfit_along(&self, v: f64, dv: f64, p: f64) -> (f64, f64) {
         if self.place == Place::Apex && v > dv {
             return (0.0, 0.0);
@@ -169,7 +166,6 @@ impl<const D: usize> Face<D> {
     }
 
     /// The same if `v = 0` is known: `V = (p v_n, v_t)` and `y = 0`.
-    #[must_use]
     pub fn misfit_held(v: &[f64; D], dv: &[f64; D], p: f64) -> ([f64; D], [f64; D]) {
         let mut e = v.map(|c| -c);
         let mut error = *dv;

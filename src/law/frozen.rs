@@ -29,7 +29,6 @@ pub enum Frozen<const D: usize> {
 
 impl<const D: usize> Frozen<D> {
     /// In scaled variables, `r̂ = to_r r`, `v̂ = to_v v`.
-    #[must_use]
     pub fn scaled(&self, to_v: f64, to_r: f64) -> Self {
         match *self {
             Self::Tresca { limit } => Self::Tresca {
@@ -50,7 +49,6 @@ impl<const D: usize> Frozen<D> {
     }
 
     /// `proj(r − ρ (v + s n), C)`.
-    #[must_use]
     pub fn step(&self, r: &[f64; D], v: &[f64; D], rho: f64) -> [f64; D] {
         let mut x = minus_scaled(r, rho, v);
         match *self {
@@ -77,7 +75,6 @@ impl<const D: usize> Frozen<D> {
 
     /// A map with the same zeros as `r − step(r, v, 1)`, and an element of its generalised
     /// derivative at `(r, v)`. The status is `Open` if the only condition is `r = 0`.
-    #[must_use]
     pub fn linearised(&self, r: &[f64; D], v: &[f64; D]) -> Linearised<D> {
         let x = minus_scaled(r, 1.0, v);
         let mut rows = Linearised {

@@ -30,7 +30,6 @@ pub enum Habit {
 /// no solution: the normal displacement cannot change (`W_nn ≤ 0`) and penetrates; or the block
 /// is singular and the reaction never opposes the slip; or the numbers are outside the range of
 /// doubles. The numbers of the law, of `w` and of `q` must be finite.
-#[must_use]
 pub fn solve<const D: usize>(
     w: &Block<D>,
     q: &[f64; D],

@@ -41,7 +41,6 @@ pub struct Response<const D: usize> {
 ///
 /// `stiffness` are `(ρ_n, ρ_t)`, positive. The law is checked before, once for all points; its
 /// cohesion may be less than zero only with a [`Rate`].
-#[must_use]
 pub fn respond<const D: usize>(
     tau: &[f64; D],
     stiffness: [f64; 2],

@@ -6,14 +6,12 @@
 use crate::linalg::small::{Block, Vector};
 
 /// `x₀² − ‖x_t‖²`, without the cancellation of squares.
-#[must_use]
 pub fn determinant<const D: usize>(x: &Vector<D>) -> f64 {
     let t = tangential(x);
     (x[0] - t) * (x[0] + t)
 }
 
 /// `x ∘ y = (x·y, x₀ y_t + y₀ x_t)`.
-#[must_use]
 pub fn product<const D: usize>(x: &Vector<D>, y: &Vector<D>) -> Vector<D> {
     let mut out = y * x[0] + x * y[0];
     out[0] = x.dot(y);
@@ -21,7 +19,6 @@ pub fn product<const D: usize>(x: &Vector<D>, y: &Vector<D>) -> Vector<D> {
 }
 
 /// The `y` of `x ∘ y = b`, `x` inside the cone.
-#[must_use]
 pub fn quotient<const D: usize>(b: &Vector<D>, x: &Vector<D>) -> Vector<D> {
     let first = (2.0 * x[0] * b[0] - x.dot(b)) / determinant(x);
     let mut y = (b - x * first) / x[0];
@@ -30,7 +27,6 @@ pub fn quotient<const D: usize>(b: &Vector<D>, x: &Vector<D>) -> Vector<D> {
 }
 
 /// The largest `α` for which `x + α dx` lies in the cone; infinite if all do.
-#[must_use]
 pub fn longest_step<const D: usize>(x: &Vector<D>, dx: &Vector<D>) -> f64 {
     // The first positive root of `a α² + 2 b α + c`, c > 0.
     let (a, c) = (determinant(dx), determinant(x));
@@ -62,7 +58,6 @@ pub struct NesterovTodd<const D: usize> {
 
 impl<const D: usize> NesterovTodd<D> {
     /// Made from `z` and `s`; `None` if rounding has put one of them on the boundary.
-    #[must_use]
     pub fn new(z: &Vector<D>, s: &Vector<D>) -> Option<Self> {
         let (of_z, of_s) = (determinant(z), determinant(s));
         if !(of_z > 0.0 && of_s > 0.0 && z[0] > 0.0 && s[0] > 0.0) {
@@ -94,7 +89,6 @@ impl<const D: usize> NesterovTodd<D> {
 }
 
 /// `‖x_t‖`.
-#[must_use]
 pub fn tangential<const D: usize>(x: &Vector<D>) -> f64 {
     let squares: f64 = (1..D).map(|k| x[k] * x[k]).sum();
     squares.sqrt()

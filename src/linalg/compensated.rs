@@ -12,7 +12,6 @@ pub struct Sum {
 }
 
 impl Sum {
-    #[must_use]
     pub fn new(value: f64) -> Self {
         Self {
             high: value,
@@ -34,13 +33,11 @@ impl Sum {
         self.add(product);
     }
 
-    #[must_use]
     pub fn value(&self) -> f64 {
         self.high + self.low
     }
 
     /// The value, and the digits below its rounding.
-    #[must_use]
     pub fn parts(&self) -> (f64, f64) {
         let value = self.value();
         (value, (self.high - value) + self.low)
@@ -48,7 +45,6 @@ impl Sum {
 }
 
 /// `a · b`.
-#[must_use]
 pub fn dot(a: &[f64], b: &[f64]) -> Sum {
     // Four sums in parallel: in one sum each term waits for the one before.
     let mut sums = [Sum::default(); 4];
@@ -106,13 +102,11 @@ impl ExactSum {
     }
 
     /// Whether the sum is one number, which `value` gives without rounding.
-    #[must_use]
     pub fn is_number(&self) -> bool {
         self.parts.len() <= 1
     }
 
     /// The sum with a relative error of at most 2 ε, and its sign: zero only if the sum is.
-    #[must_use]
     pub fn value(&self) -> f64 {
         self.parts.iter().sum()
     }

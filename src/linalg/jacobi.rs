@@ -47,7 +47,6 @@ fn rotate(columns: &mut [Vec<f64>], (i, j): (usize, usize), cosine: f64, sine: f
 }
 
 /// `Σ_i amounts[i] column_i`.
-#[must_use]
 pub fn combine(columns: &[Vec<f64>], amounts: &[f64]) -> Vec<f64> {
     let mut sum = vec![0.0; columns.first().map_or(0, Vec::len)];
     for (column, amount) in columns.iter().zip(amounts) {

@@ -8,7 +8,6 @@ const DEPENDENT: f64 = 1e-10;
 
 /// `x` that minimises `‖b − Σ x_j a_j‖`, by Gram–Schmidt over the columns in their order. A
 /// column that depends on those before it gets `x_j = 0`.
-#[must_use]
 pub fn solve(columns: &[&[f64]], b: &[f64]) -> Vec<f64> {
     let mut basis: Vec<(usize, Vec<f64>, Vec<f64>)> = Vec::with_capacity(columns.len());
     for (index, column) in columns.iter().enumerate() {

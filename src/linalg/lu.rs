@@ -54,13 +54,11 @@ impl Lu {
     }
 
     /// Order of the matrix.
-    #[must_use]
     pub fn order(&self) -> usize {
         self.n
     }
 
     /// The sign of the determinant, 1 or −1.
-    #[must_use]
     pub fn sign(&self) -> f64 {
         let negative = (0..self.n)
             .filter(|k| self.factors[k * (self.n + 1)] < 0.0)

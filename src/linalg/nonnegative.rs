@@ -79,8 +79,8 @@ fn fit(target: &[f64], columns: &mut Vec<Vec<f64>>, amounts: &mut Vec<f64>) {
             amounts.copy_from_slice(&goal);
             return;
         };
-        columns.remove(first);
-        amounts.remove(first);
+        let _ = columns.remove(first);
+        let _ = amounts.remove(first);
     }
 }
 

@@ -18,7 +18,7 @@ pub(crate) fn zeros<T: Clone + Default>(len: usize) -> Vec<T> {
         // SAFETY: the range lies inside the allocation, and the advice changes neither its
         // contents nor its owner. A refusal has no effect.
         unsafe {
-            libc::madvise(
+            let _ = libc::madvise(
                 start.cast_mut().cast(),
                 (end - inner) / page * page,
                 libc::MADV_HUGEPAGE,
@@ -48,7 +48,7 @@ pub(crate) fn release(values: Vec<f64>) {
             // is never read again; all its contents are valid numbers. A refusal, as for larger
             // pages, has no effect.
             unsafe {
-                libc::madvise(
+                let _ = libc::madvise(
                     start.cast(),
                     (end - inner) / page * page,
                     libc::MADV_DONTNEED,
@@ -72,9 +72,9 @@ pub fn return_heap() {
         const MOST: i32 = 1 << 16;
         // SAFETY: these calls set thresholds of the allocator, which has its own lock.
         unsafe {
-            libc::mallopt(libc::M_MMAP_MAX, MOST);
-            libc::mallopt(libc::M_MMAP_THRESHOLD, APART);
-            libc::mallopt(libc::M_TRIM_THRESHOLD, APART);
+            let _ = libc::mallopt(libc::M_MMAP_MAX, MOST);
+            let _ = libc::mallopt(libc::M_MMAP_THRESHOLD, APART);
+            let _ = libc::mallopt(libc::M_TRIM_THRESHOLD, APART);
         }
     }
 }

@@ -8,7 +8,6 @@ use crate::tasks;
 const CHUNK: usize = 4096;
 
 /// `a · b`, summed in double precision.
-#[must_use]
 pub fn dot<T: Real>(a: &[T], b: &[T]) -> f64 {
     let chunks = a.chunks(CHUNK).zip(b.chunks(CHUNK));
     let partial = tasks::map(chunks, |_, (a, b)| dot_of_chunk(a, b));
@@ -30,7 +29,6 @@ fn dot_of_chunk<T: Real>(a: &[T], b: &[T]) -> f64 {
 }
 
 /// Largest magnitude; NaN if an entry is NaN.
-#[must_use]
 pub fn largest<T: Real>(a: &[T]) -> f64 {
     let greater = |x: f64, y: f64| if x > y || x.is_nan() { x } else { y };
     let of_chunk = |_: usize, a: &[T]| a.iter().map(|x| x.double().abs()).fold(0.0, greater);
@@ -41,7 +39,6 @@ pub fn largest<T: Real>(a: &[T]) -> f64 {
 
 /// Euclidean norm. If squares are outside the range of doubles, the vector is first divided by
 /// its largest entry.
-#[must_use]
 pub fn norm<T: Real>(a: &[T]) -> f64 {
     /// Squares whose sum lies between these have lost nothing.
     const SAFE: std::ops::Range<f64> = 1e-280..1e280;

@@ -1,7 +1,6 @@
 //! Powers of two, which scale a number without rounding.
 
 /// `e` with `2^e ≤ x < 2^(e+1)`, 0 for zero.
-#[must_use]
 pub fn exponent(x: f64) -> i32 {
     if x == 0.0 {
         return 0;
@@ -19,14 +18,12 @@ pub fn exponent(x: f64) -> i32 {
 }
 
 /// `x · 2^e`, exact inside the range of doubles.
-#[must_use]
 pub fn times_two_to(x: f64, e: i32) -> f64 {
     let [first, second] = factors(e);
     x * first * second
 }
 
 /// Two factors whose product is `2^e`, which alone may be outside the range of doubles.
-#[must_use]
 pub fn factors(e: i32) -> [f64; 2] {
     let half = e / 2;
     [2.0_f64.powi(half), 2.0_f64.powi(e - half)]

@@ -16,16 +16,13 @@ pub trait Real:
     + Neg<Output = Self>
 {
     /// The nearest number of this type.
-    #[must_use]
     fn rounded(x: f64) -> Self;
 
     /// The same number in double precision.
-    #[must_use]
     fn double(self) -> f64;
 
     /// `self · a + b`, in one rounding if the processor has the instruction: without it, a call
     /// of the C library would take fifty times as long.
-    #[must_use]
     fn times_plus<const FMA: bool>(self, a: Self, b: Self) -> Self;
 }
 

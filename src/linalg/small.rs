@@ -10,7 +10,6 @@ pub type Block<const D: usize> = SMatrix<f64, D, D>;
 
 /// Euclidean length of the tangential part, without overflow or underflow of the squares: a
 /// slip of 1e-200 is not zero.
-#[must_use]
 pub fn tangential_norm<const D: usize>(a: &[f64; D]) -> f64 {
     if D == 2 {
         return a[1].abs();
@@ -27,13 +26,11 @@ pub fn tangential_norm<const D: usize>(a: &[f64; D]) -> f64 {
 }
 
 /// `a · b`.
-#[must_use]
 pub fn dot<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 /// `a − s b`.
-#[must_use]
 pub fn minus_scaled<const D: usize>(a: &[f64; D], s: f64, b: &[f64; D]) -> [f64; D] {
     std::array::from_fn(|k| a[k] - s * b[k])
 }
@@ -44,7 +41,6 @@ const MOST: f64 = 1e280;
 
 /// Euclidean norm of a long vector. If squares are outside the range of doubles, the vector is
 /// first divided by its largest number: a vector that is not zero has a length.
-#[must_use]
 pub fn norm(a: &[f64]) -> f64 {
     let squares = a.iter().map(|x| x * x).sum::<f64>();
     if squares > LEAST && squares < MOST {
@@ -59,7 +55,6 @@ pub fn norm(a: &[f64]) -> f64 {
 
 /// The root of a sum of squares, or the largest number if the squares are outside the range of
 /// doubles: a vector that is not zero has a length.
-#[must_use]
 pub fn length(squares: f64, largest: f64) -> f64 {
     if squares <= 1e-280 {
         largest
@@ -70,7 +65,6 @@ pub fn length(squares: f64, largest: f64) -> f64 {
 
 /// `a · b` for long vectors, in eight running sums. The order is fixed, and so are the bits;
 /// the compiler can use wide registers.
-#[must_use]
 pub fn dot_long(a: &[f64], b: &[f64]) -> f64 {
     let (a8, a_rest) = a.as_chunks::<8>();
     let (b8, b_rest) = b.as_chunks::<8>();

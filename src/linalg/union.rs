@@ -9,7 +9,6 @@ pub struct Union {
 
 impl Union {
     /// Every index below `n` in a set of its own.
-    #[must_use]
     pub fn new(n: usize) -> Self {
         Self {
             parent: (0..n).collect(),
@@ -26,7 +25,6 @@ impl Union {
     }
 
     /// Joins what either of two families of the same size joins.
-    #[must_use]
     pub fn with(mut self, other: Self) -> Self {
         for (i, j) in other.parent.into_iter().enumerate() {
             self.join(i, j);
@@ -45,7 +43,6 @@ impl Union {
     }
 
     /// The set of each index, numbered in the order of their smallest members.
-    #[must_use]
     pub fn numbers(mut self) -> Vec<usize> {
         let mut number = vec![usize::MAX; self.parent.len()];
         let mut count = 0;

@@ -13,7 +13,6 @@ use crate::linalg::small::norm;
 
 /// Relative rounding error of a sum of `n` products: twice `(n + 8) u`, which includes its own
 /// rounding.
-#[must_use]
 pub fn gamma(n: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "an order of a matrix")]
     let terms = (n + 8) as f64;
@@ -77,13 +76,11 @@ impl Lower {
         }))
     }
 
-    #[must_use]
     pub fn order(&self) -> usize {
         self.n
     }
 
     /// `‖A − L Lᵀ‖`, rounded up.
-    #[must_use]
     pub fn lowered(&self) -> f64 {
         self.lowered
     }
@@ -131,7 +128,6 @@ impl VerifiedCholesky {
         }))
     }
 
-    #[must_use]
     pub fn lower(&self) -> &Lower {
         &self.lower
     }
@@ -149,7 +145,6 @@ impl VerifiedCholesky {
     /// ```text
     /// ‖f − f̃‖ ≤ φ = ‖L⁻¹ δe‖ + κ ‖f̃‖,   ‖Lᵀ c − ½ f‖ ≤ ½ φ + γ ‖L‖ ‖c‖
     /// ```
-    #[must_use]
     pub fn ellipsoid(&self, e: &[f64], error: &[f64]) -> Ellipsoid {
         let room = 1.0 + gamma(self.order());
         let mut f = e.to_vec();
@@ -168,7 +163,6 @@ impl VerifiedCholesky {
     }
 
     /// `‖L⁻¹ e‖`, rounded up.
-    #[must_use]
     pub fn length(&self, e: &[f64]) -> f64 {
         let mut f = e.to_vec();
         self.lower.forward(&mut f);
@@ -177,7 +171,6 @@ impl VerifiedCholesky {
 
     /// `‖L⁻¹ e_j‖` for every `j`, rounded up: half the widths of the unit ellipsoid of `L Lᵀ`
     /// along the axes.
-    #[must_use]
     pub fn widths(&self) -> Vec<f64> {
         let room = (1.0 + gamma(self.order())) * (1.0 + self.kappa());
         let columns = self.inverse.chunks_exact(self.order().max(1));
@@ -186,7 +179,6 @@ impl VerifiedCholesky {
 
     /// The same along the `rows` of a matrix, rows of length n, each with an error of at most
     /// `errors` in norm.
-    #[must_use]
     pub fn widths_along(&self, rows: &[f64], errors: &[f64]) -> Vec<f64> {
         let room = (1.0 + gamma(self.order())) * (1.0 + self.kappa());
         let mut solved = rows.to_vec();

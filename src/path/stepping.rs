@@ -41,7 +41,6 @@ pub struct Step<const D: usize> {
 }
 
 /// `q` of a step: the total free displacement minus the earlier slip, (22).
-#[must_use]
 pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> Vec<[f64; D]> {
     let mut q = q.to_vec();
     if let Some(state) = state {
@@ -55,7 +54,6 @@ pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> 
 }
 
 /// `v` of a step from the total one as in (22), and the rounding of the subtraction.
-#[must_use]
 pub fn increment<const D: usize>(
     total: &[[f64; D]],
     state: Option<&State<D>>,
@@ -176,13 +174,11 @@ pub fn evaluate<const D: usize>(
 
 impl<const D: usize> LoadPath<D> {
     /// Starts from a state, or from the unloaded bodies.
-    #[must_use]
     pub fn new(state: Option<State<D>>) -> Self {
         Self { state }
     }
 
     /// The state of the path.
-    #[must_use]
     pub fn into_state(self) -> Option<State<D>> {
         self.state
     }

@@ -41,7 +41,6 @@ pub struct WorkingSetPath<const D: usize> {
 
 impl<const D: usize> WorkingSetPath<D> {
     /// Starts from a state and its working set, or from the unloaded bodies.
-    #[must_use]
     pub fn new(state: Option<State<D>>, first: Option<Set>) -> Self {
         Self {
             state,
@@ -59,7 +58,6 @@ impl<const D: usize> WorkingSetPath<D> {
     }
 
     /// The working set of the last step; `None` if it was all contacts from the start.
-    #[must_use]
     pub fn set(&self) -> Option<Set> {
         self.view.as_ref().map(|view| Set {
             members: view.members.clone(),
@@ -223,7 +221,7 @@ impl<const D: usize> WorkingSetPath<D> {
             self.carried = Some(known.motion);
         }
         if known.inverse {
-            view.problem.compliance().make_inverse(stop)?;
+            let _ = view.problem.compliance().make_inverse(stop)?;
         }
         Ok(view)
     }
@@ -462,7 +460,6 @@ fn spent_time<const D: usize>(solution: &Solution<D>, settings: &Settings) -> bo
 }
 
 /// The state of some contacts.
-#[must_use]
 pub fn at<const D: usize>(state: &State<D>, members: &[usize]) -> State<D> {
     State {
         reaction: pick(&state.reaction, members),
@@ -473,7 +470,6 @@ pub fn at<const D: usize>(state: &State<D>, members: &[usize]) -> State<D> {
 }
 
 /// Values of some contacts; empty if there are none.
-#[must_use]
 pub fn pick<T: Copy>(values: &[T], members: &[usize]) -> Vec<T> {
     members
         .iter()

@@ -63,25 +63,21 @@ pub struct Judged<const D: usize> {
 
 impl<const D: usize> Judged<D> {
     /// The larger of the two errors.
-    #[must_use]
     pub fn residual(&self) -> f64 {
         self.certificate.residual.max(self.imbalance)
     }
 
     /// The tolerance of the residual if the caller asks for `tol`.
-    #[must_use]
     pub fn tolerance(&self, tol: f64) -> f64 {
         self.certificate.tolerance(tol).max(self.imbalance_floor)
     }
 
     /// Rounding floor of the residual.
-    #[must_use]
     pub fn floor(&self) -> f64 {
         self.certificate.floor.max(self.imbalance_floor)
     }
 
     /// Whether the point is a solution.
-    #[must_use]
     pub fn converged(&self, tol: f64) -> bool {
         self.certificate.converged(tol)
             && self.imbalance_floor <= WORST_FLOOR

@@ -42,7 +42,6 @@ impl<const D: usize> Contacts<D> {
     }
 
     /// Number of contacts.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.gap.len()
     }
@@ -61,7 +60,6 @@ impl<const D: usize> Contacts<D> {
     }
 
     /// The contacts of each body that is not `held`; `bodies` is the body of each node.
-    #[must_use]
     pub fn floating(&self, bodies: &[u32], held: &[bool]) -> Vec<Vec<usize>> {
         let mut contacts = vec![Vec::new(); held.len()];
         for (i, frame) in self.frames.with_node() {

@@ -104,13 +104,11 @@ impl<const D: usize> Filter<D> {
     }
 
     /// Memory of the factor.
-    #[must_use]
     pub(super) fn bytes(&self) -> usize {
         self.factor.symbolic().counts().bytes_factor
     }
 
     /// `P_cc⁻¹ b_c`, by unknowns of `c`.
-    #[must_use]
     pub(super) fn solve(&self, b: &[f64]) -> Vec<f64> {
         let mut x: Vec<f64> = self.places.iter().map(|&at| b[at as usize]).collect();
         self.factor.condense(&mut x, 1);

@@ -29,7 +29,6 @@ pub(super) struct Interface {
 
 impl Interface {
     /// Computes the rows.
-    #[must_use]
     pub(super) fn new<const D: usize>(matrix: &SymmetricBlocks, frames: &Frames<D>) -> Self {
         let changes = Transformation::new(matrix.nodes(), frames);
         // `K T` in the rows of contact nodes and masters.

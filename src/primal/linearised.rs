@@ -39,7 +39,6 @@ pub struct LinearisedStep<'p, const D: usize> {
 impl<'p, const D: usize> LinearisedStep<'p, D> {
     /// The system of these laws, whose positions are numbers of contacts; `None` if one of them
     /// determines nothing.
-    #[must_use]
     pub fn new(problem: &'p Primal<D>, laws: &[ClosedLaw<D>]) -> Option<Self> {
         let laws = LinearisedLaws::new(&problem.contacts, &problem.stiffness.free, laws)?;
         Some(Self { problem, laws })
@@ -110,7 +109,6 @@ impl<'p, const D: usize> LinearisedStep<'p, D> {
 }
 
 /// `Rᵀ v` of values at the contacts.
-#[must_use]
 pub fn spread<const D: usize>(frames: &Frames<D>, v: &[[f64; D]], places: usize) -> Vec<f64> {
     let mut y = vec![0.0; places];
     for (i, k, at) in frames.unknowns() {

@@ -34,7 +34,6 @@ pub struct LinearisedLaws<const D: usize> {
 impl<const D: usize> LinearisedLaws<D> {
     /// These laws, whose positions are numbers of contacts; `None` if one of them determines
     /// nothing. `free` are the places with an unknown.
-    #[must_use]
     pub fn new(contacts: &Contacts<D>, free: &[bool], laws: &[ClosedLaw<D>]) -> Option<Self> {
         let frames = &contacts.frames;
         let made = laws.iter().map(|law| LawOfContact::new(contacts, law));
@@ -120,7 +119,6 @@ impl<const D: usize> LinearisedLaws<D> {
 
     /// `b = ρ − by_rᵀ w` of the transposed system, with the part of `w` that `ρ` alone gives; its
     /// part `by_vᵀ w` is subtracted from `e`.
-    #[must_use]
     pub fn pulled(&self, rho: &[[f64; D]], e: &mut [f64]) -> Vec<f64> {
         let mut b = vec![0.0; e.len()];
         for (law, rho) in self.laws.iter().zip(rho) {

@@ -27,7 +27,6 @@ pub struct Local<'p, const D: usize> {
 
 impl<'p, const D: usize> Local<'p, D> {
     /// `hierarchy` is that of an earlier load step of this problem, if there is one.
-    #[must_use]
     pub fn new(problem: &'p Primal<D>, stop: &'p AtomicBool, hierarchy: Option<Following>) -> Self {
         Self {
             problem,
@@ -39,13 +38,11 @@ impl<'p, const D: usize> Local<'p, D> {
     }
 
     /// For a load step with these forces.
-    #[must_use]
     pub fn with_force(self, force: Force) -> Self {
         Self { force, ..self }
     }
 
     /// The hierarchy, for the next load step, and the memory of the largest one.
-    #[must_use]
     pub fn into_hierarchy(mut self) -> (Option<Following>, usize) {
         (self.preconditioner.hierarchy(), self.preconditioner.bytes)
     }

@@ -19,7 +19,6 @@ impl<const D: usize> MultipliedLaw<D> {
     ///
     /// The row of the normal of a contact that dilates, `dv_n − β t·dv_t = s`, becomes a stiff
     /// spring and is not mixed with the others.
-    #[must_use]
     pub fn new(by_r: Block<D>, mut by_v: Block<D>, free: [bool; D], least: f64) -> Option<Self> {
         for k in (0..D).filter(|&k| !free[k]) {
             by_v.fill_column(k, 0.0);

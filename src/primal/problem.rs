@@ -121,14 +121,14 @@ impl<const D: usize> Primal<D> {
         check_finite("gap", given.gap.as_flattened())?;
         contact_law::check(given.law, given.gap.len())?;
         let position = connected::positions("fixed", given.fixed, n)?;
-        given.stiffness.check_symmetry()?;
+        let _ = given.stiffness.check_symmetry()?;
         if let Some(places) = given.places {
             check_length("coordinates", places.len(), n)?;
             check_finite("coordinates", places.as_flattened())?;
         }
         let contact = given.contact.select(Some);
         let nodes = Nodes::new::<D>(n, given.places, &contact)?;
-        narrow(given.stiffness.row_idx().len());
+        let _ = narrow(given.stiffness.row_idx().len());
         let mut free = vec![false; n];
         let mut place = nodes.place.clone();
         for (dof, at) in place.iter_mut().enumerate() {

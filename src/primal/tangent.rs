@@ -59,7 +59,6 @@ pub struct Tangent<const D: usize> {
 impl<const D: usize> Tangent<D> {
     /// Makes the system of a linearised law, in the scaled variables of `reduced`. `free` are
     /// the places with an unknown.
-    #[must_use]
     pub fn new(
         frames: &Frames<D>,
         free: &[bool],
@@ -121,7 +120,6 @@ impl<const D: usize> Tangent<D> {
 
     /// The right side for the unknown part of `dy`, from `e = A y − f` and `moved`, `A` times
     /// [`Tangent::known`], which this changes.
-    #[must_use]
     pub fn right_side(&self, e: &[f64], moved: &mut [f64]) -> Vec<f64> {
         self.add_laws(&self.known, moved);
         let mut right: Vec<f64> = e.iter().zip(&*moved).map(|(e, a)| -e - a).collect();
@@ -135,7 +133,6 @@ impl<const D: usize> Tangent<D> {
     }
 
     /// Whether a contact slides; without one the system is linear while no status changes.
-    #[must_use]
     pub fn slides(&self) -> bool {
         !self.sliding.is_empty()
     }
@@ -186,7 +183,6 @@ impl<const D: usize> Tangent<D> {
 
     /// The change of the reactions along prescribed tangents, which no row of `A` has, from
     /// `dy` and `A dy` at the contacts. `r` are the present reactions.
-    #[must_use]
     pub(super) fn prescribed_reactions(
         &self,
         frames: &Frames<D>,

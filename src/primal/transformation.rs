@@ -25,7 +25,6 @@ pub struct Transformation<const D: usize> {
 
 impl<const D: usize> Transformation<D> {
     /// `count` is the number of nodes.
-    #[must_use]
     pub fn new(count: usize, frames: &Frames<D>) -> Self {
         let mut number = vec![ABSENT; count];
         let mut rows: Vec<TransformedRow<D>> = Vec::with_capacity(frames.list.len());
@@ -77,7 +76,6 @@ impl<const D: usize> Transformation<D> {
     }
 
     /// The blocks of the row of a contact node; `None` for other nodes.
-    #[must_use]
     pub fn row(&self, node: usize) -> Option<&TransformedRow<D>> {
         let row = self.number[node];
         (row != ABSENT).then(|| &self.rows[row as usize])

@@ -72,7 +72,6 @@ pub struct Ties {
 }
 
 impl Ties {
-    #[must_use]
     pub fn none(kept: Vec<usize>) -> Self {
         let tied = vec![None; kept.len()];
         Self { kept, tied }
@@ -84,7 +83,6 @@ impl Ties {
     }
 
     /// The unknowns used, ascending.
-    #[must_use]
     pub fn unknowns(&self) -> Vec<usize> {
         let tied = self.tied.iter().flatten().map(|&(unknown, _)| unknown);
         let mut all: Vec<usize> = self.kept.iter().copied().chain(tied).collect();
@@ -99,7 +97,6 @@ impl Ties {
     }
 
     /// `Zᵀ A Z` of a symmetric matrix over [`Ties::unknowns`] with an error of `error`.
-    #[must_use]
     pub fn compress(&self, (a, error): (Vec<f64>, f64)) -> (Vec<f64>, f64) {
         if self.tied.iter().all(Option::is_none) {
             return (a, error);
@@ -145,7 +142,6 @@ pub struct Units {
 
 impl Units {
     /// The scaling of a problem, rounded to powers of two.
-    #[must_use]
     pub fn of<const D: usize>(problem: &Reduced<D>) -> Self {
         let scaling = &problem.scaling;
         let to_v: Vec<i32> = scaling.to_v.iter().map(|&s| exponent(s)).collect();
@@ -261,25 +257,21 @@ impl<const D: usize> Monotonicity<D> {
         })
     }
 
-    #[must_use]
     pub fn order(&self) -> usize {
         self.components.len()
     }
 
     /// All unknowns.
-    #[must_use]
     pub fn all(&self) -> Vec<usize> {
         (0..self.order()).collect()
     }
 
     /// The unknown of a component of the contact at a position, if there is one.
-    #[must_use]
     pub fn unknown(&self, position: usize, k: usize) -> Option<usize> {
         self.place[position - self.nodes.start][k]
     }
 
     /// The contact, from the first one, and the component of an unknown.
-    #[must_use]
     pub fn contact(&self, unknown: usize) -> (usize, usize) {
         let (position, k) = self.components[unknown];
         (position - self.nodes.start, k)
@@ -287,7 +279,6 @@ impl<const D: usize> Monotonicity<D> {
 
     /// Whether a tangent with friction that nothing moves belongs to a contact that may close:
     /// its reaction follows from the others, and their bound is not a bound of it.
-    #[must_use]
     pub fn led_tangent(&self) -> Option<usize> {
         self.nodes.clone().find(|&position| {
             let contact = position - self.nodes.start;
@@ -299,7 +290,6 @@ impl<const D: usize> Monotonicity<D> {
 
     /// The symmetric part of `Ŵ` on some unknowns, by columns, and the norm of its rounding
     /// error.
-    #[must_use]
     pub fn symmetric_part(&self, kept: &[usize]) -> (Vec<f64>, f64) {
         let order = self.order();
         let mut half = Vec::with_capacity(kept.len().pow(2));
@@ -318,7 +308,6 @@ impl<const D: usize> Monotonicity<D> {
 
     /// `A` on some unknowns, by columns, and the norm of its rounding error. `kept` is
     /// ascending; a contact without kept unknowns has the same reaction at all points compared.
-    #[must_use]
     pub fn form(
         &self,
         kept: &[usize],

@@ -23,7 +23,6 @@ pub enum Unique {
 }
 
 impl Unique {
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Proved => "proved",
@@ -38,7 +37,6 @@ pub const MOST_BYTES: usize = 1 << 29;
 
 /// Largest number of bytes of a proof with this many contacts in `D` dimensions, some with
 /// friction: `Ŵ` and its factor, or the form with its terms.
-#[must_use]
 pub fn bytes<const D: usize>(contacts: usize, with_friction: usize) -> usize {
     let tangents = (D - 1) * with_friction;
     let order = contacts + tangents;

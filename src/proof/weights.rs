@@ -38,7 +38,6 @@ pub struct Common {
 
 impl Common {
     /// κ, estimated.
-    #[must_use]
     pub fn kappa(&self) -> f64 {
         0.5 * (self.alpha * self.beta).sqrt()
     }
@@ -46,7 +45,6 @@ impl Common {
 
 /// The best common θ of the scaled variables, or of those of the caller, with `p = 1`. `lower`
 /// is a factor below the symmetric part of `W`.
-#[must_use]
 pub fn common<const D: usize>(monotonicity: &Monotonicity<D>, lower: &Lower) -> Common {
     let of_shapes = monotonicity.shapes.each_ref();
     let [scaled, plain] = of_shapes.map(|shape| of_shape(monotonicity, lower, shape));

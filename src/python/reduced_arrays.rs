@@ -153,7 +153,7 @@ impl<const D: usize> ReducedArrays<D> {
         // Rayon has other ways to its global pool in sparse factorisations.
         let dense = views.iter().all(Option::is_some) && self.rigid.modes.is_empty();
         if self.contacts() <= FEW && dense && callback.is_none() {
-            crate::threads::count(num_threads)?;
+            let _ = crate::threads::count(num_threads)?;
             let progress = Progress::asking(interrupt::look_here);
             return interrupt::here(py, |stop| work(Compliance::new(parts)?, stop, &progress));
         }

@@ -25,7 +25,6 @@ pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
 
 /// Whether a matrix with this many blocks is stored and factored as a sparse matrix. Sparse
 /// work takes longer for each number than dense work.
-#[must_use]
 pub fn is_sparse(blocks: usize, contacts: usize) -> bool {
     contacts >= tuning::sparse_contacts()
         && blocks.saturating_mul(tuning::sparse_share()) <= contacts.saturating_mul(contacts)
@@ -106,18 +105,15 @@ impl<'a, const D: usize> Compliance<'a, D> {
         Compliance::new(self.islands.iter().map(part).collect())
     }
 
-    #[must_use]
     pub fn contacts(&self) -> usize {
         self.order.len()
     }
 
-    #[must_use]
     pub fn islands(&self) -> &[Island<'a, D>] {
         &self.islands
     }
 
     /// Whether `W` has so many zeros that matrices of its pattern are factored as sparse ones.
-    #[must_use]
     pub fn is_sparse(&self) -> bool {
         let mut islands = self.islands.iter();
         islands.any(|island| island.blocks().is_some())
@@ -139,31 +135,27 @@ impl<'a, const D: usize> Compliance<'a, D> {
             };
             let blocks = Blocks::from_rows(self.contacts(), row);
             let analysis = Analysis::new(&blocks)?;
-            self.whole.get_or_init(|| Whole { blocks, analysis });
+            let _ = self.whole.get_or_init(|| Whole { blocks, analysis });
         }
         Ok(self.whole.get())
     }
 
     /// Entries that a product reads.
-    #[must_use]
     pub fn entries(&self) -> usize {
         self.islands.iter().map(Island::entries).sum()
     }
 
     /// Contact number of the caller at each position.
-    #[must_use]
     pub fn order(&self) -> &[usize] {
         &self.order
     }
 
     /// Node values of the caller in the order of positions.
-    #[must_use]
     pub fn gather<T: Copy>(&self, values: &[T]) -> Vec<T> {
         self.order.iter().map(|&i| values[i]).collect()
     }
 
     /// The inverse of [`Compliance::gather`].
-    #[must_use]
     pub fn scatter<T: Copy>(&self, values: &[T]) -> Vec<T> {
         let mut out = values.to_vec();
         for (&i, &value) in self.order.iter().zip(values) {
@@ -173,19 +165,16 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// Bytes held by the matrices.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         8 * self.entries()
     }
 
     /// Bytes of transposes and inverses.
-    #[must_use]
     pub fn bytes_beside(&self) -> usize {
         self.islands.iter().map(Island::bytes_beside).sum()
     }
 
     /// Largest `|W_ij − W_ji|` over the largest entry; zero for an elastic `W`.
-    #[must_use]
     pub fn asymmetry(&self) -> f64 {
         let (apart, largest) = self
             .islands
@@ -204,20 +193,17 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// The diagonal block of the contact at `position`.
-    #[must_use]
     pub fn block(&self, position: usize) -> Block<D> {
         self.pair(position, position)
     }
 
     /// Whether a reaction moves the contact at `position` along its normal.
-    #[must_use]
     pub fn moves(&self, position: usize) -> bool {
         let (island, contact) = self.find(position);
         island.moves(contact)
     }
 
     /// The block `W_ij` with `i` the contact moved and `j` the contact pushed.
-    #[must_use]
     pub fn pair(&self, moved: usize, pushed: usize) -> Block<D> {
         self.block_of(Island::pair, moved, pushed)
     }
@@ -260,14 +246,12 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// Component `k` of `W r` at a position, with sums in twice the precision.
-    #[must_use]
     pub fn exact_row(&self, position: usize, k: usize, r: &[[f64; D]]) -> Sum {
         let (island, contact) = self.find(position);
         island.exact_row(contact, k, &r[island.nodes.clone()])
     }
 
     /// `W r` at some positions, in their order.
-    #[must_use]
     pub fn product_at(&self, positions: &[usize], r: &[[f64; D]]) -> Vec<[f64; D]> {
         let at = |&position: &usize| {
             let (island, contact) = self.find(position);
@@ -284,7 +268,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// Whether `W` is bitwise symmetric.
-    #[must_use]
     pub fn is_symmetric(&self) -> bool {
         self.islands.iter().all(Island::is_symmetric)
     }
@@ -312,13 +295,11 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// Whether an inverse may be tried: only if `W` is symmetric and dense. It does not depend
     /// on earlier solves.
-    #[must_use]
     pub fn may_have_inverse(&self) -> bool {
         self.islands.iter().all(Island::may_have_inverse)
     }
 
     /// Whether the inverse of `W` has been made, or is known not to exist.
-    #[must_use]
     pub fn inverse_known(&self) -> Option<bool> {
         let mut known = self.islands.iter().map(Island::inverse_known);
         if known.clone().any(|known| known == Some(false)) {
@@ -347,7 +328,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// A block of the inverse made before.
-    #[must_use]
     pub fn inverse_pair(&self, moved: usize, pushed: usize) -> Block<D> {
         self.block_of(Island::inverse_pair, moved, pushed)
     }
@@ -377,7 +357,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// `W` as a dense row-major matrix in the numbering of the caller.
-    #[must_use]
     pub fn to_dense(&self) -> Vec<f64> {
         let n = D * self.order.len();
         let mut dense = vec![0.0; n * n];

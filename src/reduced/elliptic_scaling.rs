@@ -75,7 +75,6 @@ impl EllipticScaling {
 
     /// `T'' = T' T⁻¹`, which changes variables scaled by `from` to variables scaled by `to`.
     /// `None` is the identity.
-    #[must_use]
     pub fn between(from: Option<&Self>, to: Option<&Self>) -> Option<Self> {
         let contacts = from.or(to)?.tangents.len();
         let of = |elliptic: Option<&Self>, i: usize| elliptic.map_or([1.0; 2], |s| s.tangents[i]);
@@ -89,7 +88,6 @@ impl EllipticScaling {
     }
 
     /// `T⁻¹`.
-    #[must_use]
     pub fn inverse(&self) -> Self {
         let inverse = |t: &[f64; 2]| t.map(|t| 1.0 / t);
         Self {
@@ -98,7 +96,6 @@ impl EllipticScaling {
     }
 
     /// Component `k` of `T` at a contact.
-    #[must_use]
     pub fn factor(&self, contact: usize, k: usize) -> f64 {
         if k == 0 {
             1.0
@@ -109,20 +106,17 @@ impl EllipticScaling {
 
     /// `T_i w T_j`, where `w` is the block `W_ij`. The product of factors comes first, so that
     /// a symmetric matrix stays bitwise symmetric.
-    #[must_use]
     pub fn block<const D: usize>(&self, w: &Block<D>, moved: usize, pushed: usize) -> Block<D> {
         Block::from_fn(|k, l| w[(k, l)] * (self.factor(moved, k) * self.factor(pushed, l)))
     }
 
     /// `T x`: `r` from `r̃`, `ṽ` from `v`.
-    #[must_use]
     pub fn times<const D: usize>(&self, x: &[[f64; D]]) -> Vec<[f64; D]> {
         let at = |(i, x): (usize, &[f64; D])| std::array::from_fn(|k| x[k] * self.factor(i, k));
         x.iter().enumerate().map(at).collect()
     }
 
     /// `T⁻¹ x`: `r̃` from `r`, `v` from `ṽ`.
-    #[must_use]
     pub fn over<const D: usize>(&self, x: &[[f64; D]]) -> Vec<[f64; D]> {
         let at = |(i, x): (usize, &[f64; D])| std::array::from_fn(|k| x[k] / self.factor(i, k));
         x.iter().enumerate().map(at).collect()
@@ -130,7 +124,6 @@ impl EllipticScaling {
 }
 
 /// [`EllipticScaling::times`], or `x` itself without a scaling.
-#[must_use]
 pub fn times<'a, const D: usize>(
     elliptic: Option<&EllipticScaling>,
     x: &'a [[f64; D]],
@@ -139,7 +132,6 @@ pub fn times<'a, const D: usize>(
 }
 
 /// [`EllipticScaling::over`], or `x` itself without a scaling.
-#[must_use]
 pub fn over<'a, const D: usize>(
     elliptic: Option<&EllipticScaling>,
     x: &'a [[f64; D]],
@@ -148,7 +140,6 @@ pub fn over<'a, const D: usize>(
 }
 
 /// [`ROUNDING`], or zero without a scaling.
-#[must_use]
 pub fn rounding(elliptic: Option<&EllipticScaling>) -> f64 {
     elliptic.map_or(0.0, |_| ROUNDING)
 }

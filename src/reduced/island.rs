@@ -33,7 +33,6 @@ pub enum Part<'a, const D: usize> {
 
 impl<const D: usize> Part<'_, D> {
     /// `T W T` for the contacts `caller`, in their order.
-    #[must_use]
     pub fn scaled(&self, elliptic: &EllipticScaling, caller: &[usize]) -> Part<'static, D> {
         match self {
             Part::Sparse(blocks) => {
@@ -55,7 +54,6 @@ impl<const D: usize> Part<'_, D> {
     }
 
     /// `Q W Qᵀ` for the contacts `caller`, in their order.
-    #[must_use]
     pub fn rotated(&self, rotation: &Rotation<D>, caller: &[usize]) -> Part<'static, D> {
         let of = |i: usize, j: usize, w: &Block<D>| rotation.block(w, caller[i], caller[j]);
         match self {
@@ -139,13 +137,11 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// The matrix.
-    #[must_use]
     pub fn part(&self) -> &Part<'a, D> {
         &self.part
     }
 
     /// Its blocks, if it is sparse.
-    #[must_use]
     pub fn blocks(&self) -> Option<&Blocks<D>> {
         match &self.part {
             Part::Dense(_) => None,
@@ -154,7 +150,6 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// Entries that a product reads.
-    #[must_use]
     pub fn entries(&self) -> usize {
         match &self.part {
             Part::Dense(matrix) => matrix.len(),
@@ -163,13 +158,11 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// Bytes of the transpose and the inverse.
-    #[must_use]
     pub fn bytes_beside(&self) -> usize {
         let inverse = self.inverse.get().and_then(Option::as_ref);
         8 * (self.transpose.as_ref().map_or(0, Vec::len) + inverse.map_or(0, Vec::len))
     }
 
-    #[must_use]
     pub fn is_symmetric(&self) -> bool {
         match &self.part {
             Part::Dense(_) => self.transpose.is_none(),
@@ -178,7 +171,6 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// Largest difference between an entry and its mirror entry, and largest entry.
-    #[must_use]
     pub fn asymmetry(&self) -> (f64, f64) {
         match &self.part {
             Part::Sparse(blocks) => (blocks.asymmetry(), blocks.largest()),
@@ -191,7 +183,6 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// The block `W_ij` with `i` the contact moved and `j` the contact pushed.
-    #[must_use]
     pub fn pair(&self, moved: usize, pushed: usize) -> Block<D> {
         match &self.part {
             Part::Dense(matrix) => self.block_of(matrix, moved, pushed),
@@ -218,7 +209,6 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// Whether a reaction moves a contact along its normal.
-    #[must_use]
     pub fn moves(&self, contact: usize) -> bool {
         match &self.part {
             Part::Dense(matrix) => self.row(matrix, contact, 0).iter().any(|&w| w != 0.0),
@@ -245,7 +235,6 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// The part of `W r` of one contact.
-    #[must_use]
     pub fn product_at(&self, contact: usize, r: &[[f64; D]]) -> [f64; D] {
         match &self.part {
             Part::Dense(matrix) => {
@@ -256,7 +245,6 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// Component `k` of `W r` at a contact, with sums in twice the precision.
-    #[must_use]
     pub fn exact_row(&self, contact: usize, k: usize, r: &[[f64; D]]) -> Sum {
         match &self.part {
             Part::Dense(matrix) => compensated::dot(self.row(matrix, contact, k), r.as_flattened()),
@@ -376,13 +364,11 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// Whether an inverse may be tried; that of a sparse matrix would be dense.
-    #[must_use]
     pub fn may_have_inverse(&self) -> bool {
         self.blocks().is_none() && self.is_symmetric()
     }
 
     /// Whether the inverse has been made, or is known not to exist.
-    #[must_use]
     pub fn inverse_known(&self) -> Option<bool> {
         if !self.may_have_inverse() {
             return Some(false);
@@ -394,7 +380,7 @@ impl<'a, const D: usize> Island<'a, D> {
     pub fn make_inverse(&self, stop: &AtomicBool) -> Result<(), Error> {
         if let (None, Part::Dense(matrix)) = (self.inverse_known(), &self.part) {
             let made = inverse(matrix, self.order(), stop)?;
-            self.inverse.get_or_init(|| made);
+            let _ = self.inverse.get_or_init(|| made);
         }
         Ok(())
     }
@@ -411,7 +397,6 @@ impl<'a, const D: usize> Island<'a, D> {
     }
 
     /// A block of the inverse made before.
-    #[must_use]
     pub fn inverse_pair(&self, moved: usize, pushed: usize) -> Block<D> {
         self.block_of(self.inverse(), moved, pushed)
     }

@@ -20,7 +20,6 @@ impl<const D: usize> Rotation<D> {
     /// Takes the rows of all blocks, one block after the other. In scaled variables
     /// ([`EllipticScaling`]) the blocks are `T Q T⁻¹`, because `v' = Q v` is about the
     /// variables of the caller.
-    #[must_use]
     pub fn new(rows: &[[f64; D]], elliptic: Option<&EllipticScaling>) -> Self {
         let factor = |i: usize, k: usize| elliptic.map_or(1.0, |scaling| scaling.factor(i, k));
         let block = |(i, rows): (usize, &[[f64; D]])| {
@@ -31,13 +30,11 @@ impl<const D: usize> Rotation<D> {
         }
     }
 
-    #[must_use]
     pub fn contacts(&self) -> usize {
         self.blocks.len()
     }
 
     /// `Q_i w Q_jᵀ` of the block `W_ij`. A symmetric `W` stays bitwise symmetric.
-    #[must_use]
     pub fn block(&self, w: &Block<D>, moved: usize, pushed: usize) -> Block<D> {
         let (left, right) = (&self.blocks[moved], &self.blocks[pushed]);
         match moved.cmp(&pushed) {
@@ -51,7 +48,6 @@ impl<const D: usize> Rotation<D> {
     }
 
     /// `Q x`.
-    #[must_use]
     pub fn times(&self, x: &[[f64; D]]) -> Vec<[f64; D]> {
         let at = |(block, x): (&Block<D>, &[f64; D])| (block * Vector::from(*x)).into();
         self.blocks.iter().zip(x).map(at).collect()
@@ -59,7 +55,6 @@ impl<const D: usize> Rotation<D> {
 
     /// The rows of `B` of a contact, times `Q_i`, from their entries `(row, column, value)`.
     /// Columns are ascending; entries that become zero are left out.
-    #[must_use]
     pub fn rows(
         &self,
         contact: usize,
@@ -90,7 +85,6 @@ impl<const D: usize> Rotation<D> {
 
 impl OwnedMatrix {
     /// `Q A` of a matrix by rows, with `D` rows for each contact.
-    #[must_use]
     pub fn rotated<const D: usize>(&self, rotation: &Rotation<D>) -> Self {
         let mut out = Self::default();
         for contact in 0..rotation.contacts() {

@@ -30,7 +30,7 @@ impl Anderson {
         if let Some((last_f, last_p)) = &self.last {
             let difference = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x - y).collect();
             if self.steps.len() == tuning::anderson_memory() {
-                self.steps.pop_front();
+                let _ = self.steps.pop_front();
             }
             self.steps
                 .push_back((difference(f, last_f), difference(payload, last_p)));

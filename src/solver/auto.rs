@@ -133,7 +133,7 @@ impl<'p, const D: usize> Chain<'p, D> {
     ) -> Result<Self, Ended> {
         let sweeper = Sweeper::new(problem, start);
         let mut point = sweeper.start(start, monitor);
-        sweeper.look(&point, monitor, false)?;
+        let _ = sweeper.look(&point, monitor, false)?;
         if !start.closed.is_empty() {
             // In a load step, closed contacts start as sticking and open contacts as open. Most
             // of them keep this status, and of several solutions the path keeps its own.
@@ -141,7 +141,7 @@ impl<'p, const D: usize> Chain<'p, D> {
             if let Some(held) = newton::held_at(problem, closed, monitor)? {
                 point = sweeper.point(held.r, &held.rigid);
                 monitor.count(1.0);
-                sweeper.look(&point, monitor, true)?;
+                let _ = sweeper.look(&point, monitor, true)?;
             }
         }
         let whole = problem.compliance.whole();
@@ -279,7 +279,7 @@ fn try_statuses<const D: usize>(
     for (r, rigid) in few.answers {
         let v = problem.relative_displacement(&r, &rigid);
         monitor.count(1.0);
-        monitor.look(&r, &v, &rigid, true)?;
+        let _ = monitor.look(&r, &v, &rigid, true)?;
     }
     Ok(())
 }

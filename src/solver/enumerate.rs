@@ -283,7 +283,7 @@ impl Tableau {
     /// Removes the column of an unknown that is zero, or given by another one.
     fn remove(&mut self, unknown: usize) {
         self.last(unknown);
-        self.unknowns.pop();
+        let _ = self.unknowns.pop();
         self.entries
             .truncate((self.unknowns.len() + 1) * self.height);
     }
@@ -354,7 +354,7 @@ impl Tableau {
             column[row] = -factor;
         }
         self.entries.truncate(last * self.height);
-        self.unknowns.pop();
+        let _ = self.unknowns.pop();
         self.row_of[unknown] = row;
     }
 
@@ -488,7 +488,7 @@ impl<'p> Search<'p> {
             if !self.fails(depth + 1, slack, 0.0) && !self.contradicts(depth + 1, slack) {
                 self.visit(depth + 1)?;
             }
-            self.labels.pop();
+            let _ = self.labels.pop();
         }
         Ok(())
     }

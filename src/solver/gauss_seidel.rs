@@ -49,7 +49,7 @@ pub fn run<const D: usize>(
 ) -> Result<(), Ended> {
     let sweeper = Sweeper::new(problem, start);
     let mut point = sweeper.start(start, monitor);
-    sweeper.look(&point, monitor, false)?;
+    let _ = sweeper.look(&point, monitor, false)?;
     loop {
         sweeper.run(&mut point, monitor, usize::MAX)?;
     }

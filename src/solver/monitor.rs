@@ -48,7 +48,6 @@ impl Default for Progress {
 
 impl Progress {
     /// The progress of a solve that asks `ask` between iterations whether to stop.
-    #[must_use]
     pub fn asking(ask: fn() -> bool) -> Self {
         let ask = Some(ask);
         Self {
@@ -64,7 +63,6 @@ impl Progress {
     }
 
     /// Iterations, work in products with `W`, and the smallest η so far.
-    #[must_use]
     pub fn read(&self) -> (usize, f64, f64) {
         let number = |value: &AtomicU64| f64::from_bits(value.load(Ordering::Relaxed));
         let iterations = self.iterations.load(Ordering::Relaxed);
@@ -108,7 +106,6 @@ pub struct Log<const D: usize> {
 }
 
 impl<'p, const D: usize> Monitor<'p, D> {
-    #[must_use]
     pub fn new(
         problem: &'p Reduced<'p, D>,
         settings: &'p Settings,
@@ -139,19 +136,16 @@ impl<'p, const D: usize> Monitor<'p, D> {
     }
 
     /// Set when the caller asks to stop.
-    #[must_use]
     pub fn stop(&self) -> &'p AtomicBool {
         self.stop
     }
 
     /// The tolerance of η.
-    #[must_use]
     pub fn wish(&self) -> f64 {
         self.settings.tol
     }
 
     /// Iterations so far.
-    #[must_use]
     pub fn iterations(&self) -> usize {
         self.log.iterations
     }
@@ -257,13 +251,11 @@ impl<'p, const D: usize> Monitor<'p, D> {
     }
 
     /// The last measured rounding floor of η.
-    #[must_use]
     pub fn floor(&self) -> f64 {
         self.floor
     }
 
     /// The largest rigid motion so far: it grows without bound if a body slides away.
-    #[must_use]
     pub fn furthest_rigid(&self) -> &[f64] {
         &self.furthest_rigid
     }
@@ -275,13 +267,11 @@ impl<'p, const D: usize> Monitor<'p, D> {
     }
 
     /// The motion of [`Monitor::refuse`]; empty without one.
-    #[must_use]
     pub fn free_motion(&self) -> &[f64] {
         &self.free_motion
     }
 
     /// The time that is left.
-    #[must_use]
     pub fn seconds_left(&self) -> f64 {
         self.settings.max_seconds - self.started.elapsed().as_secs_f64()
     }
@@ -300,7 +290,6 @@ impl<'p, const D: usize> Monitor<'p, D> {
         ))
     }
 
-    #[must_use]
     pub fn into_log(mut self) -> Log<D> {
         self.log.seconds = self.started.elapsed().as_secs_f64();
         self.log

@@ -14,7 +14,6 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Converged => "converged",

@@ -74,7 +74,7 @@ pub fn run<const D: usize>(
             }
         }
         monitor.measure_floor(&r, &rigid);
-        monitor.look(&r, &v, &rigid, false)?;
+        let _ = monitor.look(&r, &v, &rigid, false)?;
     }
     Ok(Solved { r, rigid })
 }

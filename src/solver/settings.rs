@@ -54,7 +54,6 @@ impl Method {
     ];
 
     /// Its name.
-    #[must_use]
     pub fn name(self) -> &'static str {
         let mut names = Self::NAMES.iter();
         names
@@ -86,7 +85,6 @@ impl Method {
 
     /// Whether it solves problems with bodies that only contact holds: methods that fix the
     /// tangential reactions, or start without any, cannot balance the loads.
-    #[must_use]
     pub fn balances(self) -> bool {
         !matches!(
             self,

@@ -302,6 +302,6 @@ pub fn certify<const D: usize>(
 ) -> Result<Solution<D>, Error> {
     let progress = Progress::default();
     let mut monitor = Monitor::new(problem, settings, stop, &progress);
-    is_answer(problem, r, a, &mut monitor)?;
+    let _ = is_answer(problem, r, a, &mut monitor)?;
     Ok(finish(problem, settings, monitor, Outcome::Stalled))
 }

@@ -36,32 +36,27 @@ pub struct BlockMatrix {
 
 impl BlockMatrix {
     /// Number of nodes, each with a row of blocks.
-    #[must_use]
     pub fn nodes(&self) -> usize {
         self.start.len() - 1
     }
 
     /// Unknowns of a node.
-    #[must_use]
     pub fn block_size(&self) -> usize {
         self.b
     }
 
     /// Memory of the matrix.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         4 * (self.start.len() + self.column.len() + self.values.len() + self.missing.len())
             + self.held.len()
     }
 
     /// Unknowns that have no degree of freedom, or that were held later.
-    #[must_use]
     pub fn held(&self) -> &[bool] {
         &self.held
     }
 
     /// The diagonal block of a node, by columns, in units of `2^exponent`.
-    #[must_use]
     pub fn diagonal_block(&self, node: usize) -> &[f32] {
         let at = (self.diagonal(node) - self.skipped(node)) * self.b * self.b;
         &self.values[at..at + self.b * self.b]

@@ -27,7 +27,6 @@ pub struct ChangedRows {
 
 impl ChangedRows {
     /// Without a row, of `b × b` blocks.
-    #[must_use]
     pub fn new(b: usize) -> Self {
         Self {
             b,
@@ -61,7 +60,6 @@ impl ChangedRows {
     }
 
     /// Memory of the rows.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         8 * (self.start.len() + self.values.len()) + 4 * (self.nodes.len() + self.column.len())
     }
@@ -73,7 +71,6 @@ impl SymmetricBlocks {
     ///
     /// # Panics
     /// If the blocks have not the same size, or `held` has not an entry for each unknown.
-    #[must_use]
     pub fn with_rows(&self, changed: &ChangedRows, held: &[bool]) -> BlockMatrix {
         let (b, nodes) = (self.block_size(), self.nodes());
         let size = b * b;

@@ -193,7 +193,6 @@ impl Following {
     }
 
     /// Memory of all levels, and of what the next change needs.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         let about = 8 * (self.about.motions.len() + self.about.coordinates.len());
         let finest = match &self.finest {

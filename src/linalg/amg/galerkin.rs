@@ -101,7 +101,7 @@ fn times_prolongation(matrix: &BlockMatrix, p: &Prolongation, needed: Option<&[b
                 }
                 for &j in &matrix.column[matrix.row(task * ROWS + k)] {
                     for &g in &p.column[p.row(j as usize)] {
-                        slots.slot(g);
+                        let _ = slots.slot(g);
                     }
                 }
                 *count = narrow(slots.columns.len());

@@ -142,14 +142,12 @@ impl Multigrid {
     /// A bound of the eigenvalues of `D⁻¹ A`; `None` if a diagonal is not positive, or numbers are
     /// not finite. It holds for every matrix that holds more unknowns, or adds positive
     /// semidefinite diagonal blocks: both restrict the Rayleigh quotient or move it towards one.
-    #[must_use]
     pub fn spectrum_of(matrix: &BlockMatrix) -> Option<f64> {
         let inverse = inverse_diagonal(matrix)?;
         bound(matrix, &inverse).filter(|bound| *bound > 0.0 && bound.is_finite())
     }
 
     /// Memory of all levels.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         self.levels.iter().map(Level::bytes).sum::<usize>()
             + self.work.iter().map(CycleMemory::bytes).sum::<usize>()

@@ -149,7 +149,7 @@ fn starts(matrix: &BlockMatrix, aggregates: &Aggregates) -> Vec<u32> {
                     let aggregate = aggregates.of_node[j];
                     let counts = j == i || aggregates.coupled[at];
                     if counts && aggregate != ABSENT {
-                        slots.slot(aggregate);
+                        let _ = slots.slot(aggregate);
                     }
                 }
                 *count = narrow(slots.columns.len());

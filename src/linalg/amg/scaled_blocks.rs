@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn blocks_below_the_range_are_zero() {
         let mut to = [1; 4];
-        write(&[0.0, 1e-44, -1e-44, 0.0], &mut to);
+        let _ = write(&[0.0, 1e-44, -1e-44, 0.0], &mut to);
         assert_eq!(to, [0; 4]);
     }
 }

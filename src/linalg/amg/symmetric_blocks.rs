@@ -98,7 +98,6 @@ impl SymmetricBlocks {
     ///
     /// # Panics
     /// If `place` has not one entry for each row of `k`, or names a node that does not exist.
-    #[must_use]
     pub fn new<I: Index>(k: &Symmetric<'_, I>, place: &[u32], nodes: usize, b: usize) -> Self {
         assert_eq!(place.len(), k.n());
         let mut dof = vec![ABSENT; nodes * b];
@@ -154,19 +153,16 @@ impl SymmetricBlocks {
     }
 
     /// Number of nodes, each with a row of blocks.
-    #[must_use]
     pub fn nodes(&self) -> usize {
         self.upper.len() - 1
     }
 
     /// Unknowns of a node.
-    #[must_use]
     pub fn block_size(&self) -> usize {
         self.b
     }
 
     /// Memory of the matrix.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         let outside = self.parts.iter().map(|part| part.outside.len());
         let places = self.start.len() + self.column.len() + self.upper.len() + self.target.len();
@@ -175,13 +171,11 @@ impl SymmetricBlocks {
     }
 
     /// Unknowns that have no degree of freedom.
-    #[must_use]
     pub fn held(&self) -> &[bool] {
         &self.held
     }
 
     /// The diagonal block of a node, by columns.
-    #[must_use]
     pub fn diagonal_block(&self, node: usize) -> &[f64] {
         self.stored(self.upper[node])
     }
@@ -228,7 +222,6 @@ impl SymmetricBlocks {
 
     /// The body of each node, numbered in the order of first appearance: nodes that the matrix
     /// couples, directly or through others. A block of zeros does not couple.
-    #[must_use]
     pub fn connected(&self) -> Vec<u32> {
         let mut sets = Union::new(self.nodes());
         for i in 0..self.nodes() {
@@ -247,7 +240,6 @@ impl SymmetricBlocks {
     }
 
     /// The matrix in single precision, divided by a power of two near its largest diagonal.
-    #[must_use]
     pub fn to_single(&self) -> BlockMatrix {
         let (size, largest) = (self.b * self.b, self.largest());
         let exponent = if largest.is_finite() {
@@ -329,7 +321,6 @@ impl SymmetricBlocks {
     ///
     /// # Panics
     /// If `x` has not an entry for each unknown.
-    #[must_use]
     pub fn product_in_two(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (b, n) = (self.b, self.b * self.nodes());
         assert_eq!(x.len(), n);

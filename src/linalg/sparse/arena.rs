@@ -80,7 +80,7 @@ impl<'m> Arena<'m> {
         let (range, rest) = end.split(gap, len);
         *gap = rest;
         if gap.start == gap.end {
-            gaps.remove(at);
+            let _ = gaps.remove(at);
         }
         Piece::Part {
             arena: self,
@@ -274,7 +274,7 @@ mod tests {
             matches!(arena.take(56, ArenaEnd::High), Piece::Apart(ref values) if values.len() == 56)
         );
         assert_eq!(arena.take(0, ArenaEnd::Low).len(), 0);
-        pieces.swap_remove(0);
+        let _ = pieces.swap_remove(0);
         pieces.clear();
         let gaps = lock(&arena.gaps);
         assert_eq!((gaps.len(), &gaps[0]), (1, &(0..100)));

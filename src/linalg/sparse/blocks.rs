@@ -50,7 +50,6 @@ impl<const D: usize> Blocks<D> {
 
     /// Makes it from `n` rows of blocks: `row(i, add)` calls `add(j, block)` for the blocks of
     /// row `i`. It is called twice and must give the same blocks.
-    #[must_use]
     pub fn from_rows(n: usize, row: impl Fn(usize, &mut dyn FnMut(usize, Block<D>))) -> Self {
         let mut pattern: Vec<Vec<usize>> = (0..n).map(|i| vec![i]).collect();
         for i in 0..n {
@@ -92,7 +91,6 @@ impl<const D: usize> Blocks<D> {
     }
 
     /// The same pattern with other values, `of(i, j, W_ij)`.
-    #[must_use]
     pub fn map(&self, of: impl Fn(usize, usize, &Block<D>) -> Block<D>) -> Self {
         let mut other = self.clone();
         for i in 0..self.rows() {
@@ -104,13 +102,11 @@ impl<const D: usize> Blocks<D> {
     }
 
     /// Number of rows of blocks.
-    #[must_use]
     pub fn rows(&self) -> usize {
         self.start.len() - 1
     }
 
     /// Blocks stored, including those that make the pattern symmetric.
-    #[must_use]
     pub fn stored(&self) -> usize {
         self.values.len()
     }
@@ -126,7 +122,6 @@ impl<const D: usize> Blocks<D> {
     }
 
     /// The block `(i, j)`, zero if it is not stored.
-    #[must_use]
     pub fn at(&self, i: usize, j: usize) -> Block<D> {
         self.position(i, j)
             .map_or_else(Block::zeros, |at| self.values[at])
@@ -144,28 +139,24 @@ impl<const D: usize> Blocks<D> {
     }
 
     /// Row `i` of the product with `x`.
-    #[must_use]
     pub fn row_product(&self, i: usize, x: &[[f64; D]]) -> [f64; D] {
         let terms = self.in_row(i).map(|(j, block)| block * Vector::from(x[j]));
         terms.sum::<Vector<D>>().into()
     }
 
     /// Whether the matrix is bitwise symmetric.
-    #[must_use]
     pub fn is_symmetric(&self) -> bool {
         let same = |at: usize| self.values[at] == self.values[self.mirror[at]].transpose();
         (0..self.values.len()).all(same)
     }
 
     /// Largest difference between an entry and its mirror image.
-    #[must_use]
     pub fn asymmetry(&self) -> f64 {
         let of = |at: usize| (self.values[at] - self.values[self.mirror[at]].transpose()).amax();
         (0..self.values.len()).map(of).fold(0.0, f64::max)
     }
 
     /// Largest entry.
-    #[must_use]
     pub fn largest(&self) -> f64 {
         self.values.iter().map(Block::amax).fold(0.0, f64::max)
     }

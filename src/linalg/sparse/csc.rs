@@ -141,25 +141,21 @@ impl<'a, I: Index> Symmetric<'a, I> {
     }
 
     /// Order of the matrix.
-    #[must_use]
     pub fn n(&self) -> usize {
         self.n
     }
 
     /// The start of each column, `n + 1` numbers.
-    #[must_use]
     pub fn col_ptr(&self) -> &'a [usize] {
         self.col_ptr
     }
 
     /// The row of each stored entry.
-    #[must_use]
     pub fn row_idx(&self) -> &'a [I] {
         self.row_idx
     }
 
     /// Number of stored entries.
-    #[must_use]
     pub fn values(&self) -> &'a [f64] {
         self.values
     }
@@ -174,7 +170,6 @@ impl<'a, I: Index> Symmetric<'a, I> {
     }
 
     /// The diagonal; an entry that is not stored is zero.
-    #[must_use]
     pub fn diagonal(&self) -> Vec<f64> {
         (0..self.n)
             .map(|j| self.position(j, j).map_or(0.0, |at| self.values[at]))
@@ -315,7 +310,6 @@ impl<'a, I: Index> Symmetric<'a, I> {
 
     /// Number of the connected component of each row, from 0 in the order of first appearance.
     /// A stored zero does not connect.
-    #[must_use]
     pub fn components(&self) -> Vec<usize> {
         let mut sets = Union::new(self.n);
         for j in 0..self.n {

@@ -66,19 +66,16 @@ impl Schur {
     }
 
     /// S, `m × m`, in the order of the kept unknowns, bitwise symmetric.
-    #[must_use]
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
     /// S, moved out.
-    #[must_use]
     pub fn into_values(self) -> Vec<f64> {
         self.values
     }
 
     /// As [`Factor::weakest_pivot`].
-    #[must_use]
     pub fn weakest_pivot(&self) -> Option<(usize, f64)> {
         self.weakest
     }
@@ -126,7 +123,6 @@ impl Factor {
     }
 
     /// S, `m × m`, in the order of the kept unknowns, bitwise symmetric.
-    #[must_use]
     pub fn schur(&self) -> &[f64] {
         &self.schur
     }
@@ -138,13 +134,11 @@ impl Factor {
 
     /// The unknown with the smallest pivot relative to its diagonal in K, and this ratio;
     /// `None` if nothing is eliminated.
-    #[must_use]
     pub fn weakest_pivot(&self) -> Option<(usize, f64)> {
         self.weakest
     }
 
     /// The analysis of this factor.
-    #[must_use]
     pub fn symbolic(&self) -> &Arc<Symbolic> {
         &self.symbolic
     }

@@ -37,7 +37,7 @@ impl Graph {
             })
         };
         let unknowns: usize = weight.iter().map(|&w| w as usize).sum();
-        narrow("list of unknowns to order", 0, unknowns)?;
+        let _ = narrow("list of unknowns to order", 0, unknowns)?;
         let index = |(at, &v): (usize, &u32)| narrow("node graph of K", at, v as usize);
         Ok(Self {
             start: start
@@ -109,7 +109,7 @@ mod handlers {
         for (signal, action) in signals.into_iter().zip(&before) {
             if let Some(action) = action {
                 // SAFETY: the action belonged to this signal just before.
-                unsafe { libc::sigaction(signal, action, ptr::null_mut()) };
+                let _ = unsafe { libc::sigaction(signal, action, ptr::null_mut()) };
             }
         }
         done
@@ -155,7 +155,7 @@ pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
         // are below n; `weight`, `order` and `inverse` have n entries. METIS
         // keeps no pointer after it returns.
         unsafe {
-            metis::METIS_SetDefaultOptions(options.as_mut_ptr());
+            let _ = metis::METIS_SetDefaultOptions(options.as_mut_ptr());
             options[metis::moptions_et_METIS_OPTION_SEED as usize] = 2;
             // METIS's default imbalance of 1.2 gives smaller separators first and more work
             // later. Over six seeds, 1.1 is up to one per cent better on cubes and bars, and
@@ -228,7 +228,7 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
         }
         let along = |v: u32| at[v as usize][axis];
         let middle = set.len() / 2;
-        set.select_nth_unstable_by(middle, |&a, &b| {
+        let _ = set.select_nth_unstable_by(middle, |&a, &b| {
             along(a).total_cmp(&along(b)).then(a.cmp(&b))
         });
         let plane = along(set[middle]);

@@ -20,7 +20,6 @@ pub struct Reach {
 
 impl Reach {
     /// Made from the unknowns with entries; kept ones are ignored.
-    #[must_use]
     pub fn new(symbolic: &Symbolic, unknowns: impl Iterator<Item = usize>) -> Self {
         let mut reached = vec![false; symbolic.fronts.len()];
         for unknown in unknowns {
@@ -49,7 +48,6 @@ impl Reach {
     }
 
     /// Pivots reached, in the numbering of the caller, in the order of half solves.
-    #[must_use]
     pub fn pivots(&self) -> &[u32] {
         &self.pivots
     }
@@ -59,7 +57,6 @@ impl Factor {
     /// Condenses columns given by entries (unknown, value) within the reach: `L⁻¹ b_i` on the
     /// pivots reached, and `b_c − K_ci K_ii⁻¹ b_i` on the kept unknowns, column by column. A
     /// column has the same bits alone and among others.
-    #[must_use]
     pub fn half_solve(&self, reach: &Reach, columns: &[&[(usize, f64)]]) -> (Vec<f64>, Vec<f64>) {
         let symbolic = &*self.symbolic;
         let (p, m) = (reach.pivots.len(), symbolic.kept());

@@ -64,7 +64,6 @@ impl<'a> Rows<'a> {
     }
 
     /// The columns that `number` gives a new number, under this number.
-    #[must_use]
     pub fn select(&self, number: impl Fn(usize) -> Option<usize>) -> OwnedMatrix {
         let mut out = OwnedMatrix::default();
         for row in 0..self.row_ptr.len() - 1 {
@@ -120,13 +119,11 @@ impl Default for OwnedMatrix {
 
 impl OwnedMatrix {
     /// As a symmetric matrix: it is the free part of one, or a component of it.
-    #[must_use]
     pub fn view(&self) -> Symmetric<'_> {
         Symmetric::of_checked(&self.pointer, &self.index, &self.values)
     }
 
     /// Some of the rows.
-    #[must_use]
     pub fn rows(&self, rows: &[usize]) -> Self {
         let mut out = Self::default();
         for &row in rows {
@@ -140,7 +137,6 @@ impl OwnedMatrix {
     }
 
     /// Whether all entries of a row are zero.
-    #[must_use]
     pub fn is_empty_row(&self, row: usize) -> bool {
         self.entries(row).all(|(_, value)| value == 0.0)
     }

@@ -106,7 +106,7 @@ fn postorder(parent: &[u32]) -> (Vec<u32>, Vec<u32>) {
             let next = std::mem::replace(&mut child[top as usize], NONE);
             if next == NONE {
                 old.push(top);
-                path.pop();
+                let _ = path.pop();
                 if sibling[top as usize] != NONE && !path.is_empty() {
                     path.push(sibling[top as usize]);
                 }

@@ -226,7 +226,7 @@ impl<'a> Backward<'a> {
             }
             if let Some(parent) = front.parent {
                 while above.last().is_some_and(|known| known.0 != parent) {
-                    above.pop();
+                    let _ = above.pop();
                 }
                 if let Some(known) = above.last() {
                     self.take(front, &self.symbolic.fronts[parent], &known.1, &mut local);

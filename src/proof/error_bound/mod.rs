@@ -74,7 +74,6 @@ pub enum Reason {
 
 impl Reason {
     /// A word for it, and its contact or number of unknowns.
-    #[must_use]
     pub fn told(self) -> (&'static str, usize) {
         match self {
             Self::HeldByContact => ("held by contact", 0),
@@ -102,7 +101,6 @@ pub enum BoundKind {
 }
 
 impl BoundKind {
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Global => "global",
@@ -154,7 +152,6 @@ impl<const D: usize> Bound<D> {
     }
 
     /// The bound of `r = T r̃` and `v = T⁻¹ ṽ`, rounded up.
-    #[must_use]
     pub fn change_variables(mut self, elliptic: Option<&EllipticScaling>) -> Self {
         if let Some(elliptic) = elliptic {
             self.reaction = elliptic.times(&self.reaction);
@@ -380,7 +377,6 @@ impl<const D: usize> Prepared<D> {
     }
 
     /// Whether there is one solution for each `q`.
-    #[must_use]
     pub fn unique(&self) -> bool {
         let islands = self.islands.as_ref();
         islands.is_ok_and(|islands| islands.iter().all(|island| island.global.is_some()))

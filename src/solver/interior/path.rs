@@ -128,7 +128,7 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
         let v = problem.relative_displacement(&r, &rigid);
         monitor.count(1.0);
         let eta = residual(problem, &r, &v, &rigid);
-        monitor.look(&r, &v, &rigid, true)?;
+        let _ = monitor.look(&r, &v, &rigid, true)?;
         if self.best.as_ref().is_none_or(|(least, _)| eta < *least) {
             let r = r.clone();
             self.best = Some((eta, Solved { r, rigid }));

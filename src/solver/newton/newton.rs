@@ -36,7 +36,7 @@ pub fn alone<const D: usize>(
         rigid.copy_from_slice(&start.rigid);
     }
     let v = problem.relative_displacement(&r, &rigid);
-    monitor.look(&r, &v, &rigid, false)?;
+    let _ = monitor.look(&r, &v, &rigid, false)?;
     while let Some(better) = run(problem, &r, &rigid, monitor)? {
         (r, rigid) = (better.r, better.rigid);
     }

@@ -52,7 +52,6 @@ pub const LAGRANGIAN: MapStep = |_| 1.0;
 pub const RETURN: MapStep = |penalty| penalty;
 
 /// The problem (20d) of a penalty and multipliers.
-#[must_use]
 pub fn regularise<const D: usize>(
     step: MapStep,
     penalty: f64,

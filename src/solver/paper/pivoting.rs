@@ -103,7 +103,7 @@ impl<const D: usize> Polygon<D> {
         angles.extend(shares(tuning::fan_corners(), spacing));
         angles.extend(shares(half, coarse));
         angles.sort_by(f64::total_cmp);
-        angles.remove(0); // half a turn to either side is the same corner
+        let _ = angles.remove(0); // half a turn to either side is the same corner
         Self { angles }
     }
 
@@ -263,7 +263,7 @@ pub fn run<const D: usize>(
         v = problem.relative_displacement(&r, &[]);
         monitor.count(1.0);
     }
-    monitor.look(&r, &v, &[], false)?;
+    let _ = monitor.look(&r, &v, &[], false)?;
     // Direction and spacing of the corners of contacts that slide.
     let mut fans: Vec<Option<(f64, f64)>> = vec![None; r.len()];
     let mut known = !start.reaction.is_empty();
@@ -637,7 +637,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
             };
             self.r = next;
             self.refresh(monitor);
-            monitor.look(&self.r, &self.v, &[], true)?;
+            let _ = monitor.look(&self.r, &self.v, &[], true)?;
         }
         Ok(())
     }

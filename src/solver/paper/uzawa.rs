@@ -66,7 +66,7 @@ pub fn run<const D: usize>(
     let mut map = Map::new(problem, variant, &[], start);
     let mut point = map.start(start);
     monitor.count(1.0);
-    monitor.look(&point.r, &point.v, &map.rigid(&point), false)?;
+    let _ = monitor.look(&point.r, &point.v, &map.rigid(&point), false)?;
     loop {
         map.iterate(&mut point, monitor, usize::MAX)?;
     }

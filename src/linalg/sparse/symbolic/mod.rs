@@ -262,13 +262,11 @@ impl Symbolic {
     }
 
     /// The cost of the factorisation.
-    #[must_use]
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
     /// The same analysis for another problem, with its own memory and zero seconds.
-    #[must_use]
     pub fn for_another(&self) -> Self {
         let counts = Counts {
             seconds_order: 0.0,
@@ -284,7 +282,6 @@ impl Symbolic {
 
     /// Bytes stored for the next factor of this pattern, panels and stack;
     /// [`Counts::bytes_peak`] contains them.
-    #[must_use]
     pub fn bytes_spare(&self) -> usize {
         [&self.spare.panels, &self.spare.stack]
             .map(|spare| spare.try_lock().map_or(0, |held| size_of_val(&held[..])))
@@ -297,7 +294,7 @@ impl Symbolic {
     pub fn keep_stack(&self, keep: bool) {
         self.spare.keeps_stack.store(keep, Ordering::Relaxed);
         if !keep {
-            take(&self.spare.stack);
+            let _ = take(&self.spare.stack);
         }
     }
 
@@ -343,13 +340,11 @@ fn give(spare: &Mutex<Vec<f64>>, values: Vec<f64>) {
 
 impl Plan {
     /// Bytes of the stack of updates besides a factor, on one thread.
-    #[must_use]
     pub fn bytes_stack(&self) -> usize {
         self.stack * size_of::<f64>()
     }
 
     /// Order of S.
-    #[must_use]
     pub fn kept(&self) -> usize {
         self.n - self.interior
     }

@@ -13,7 +13,6 @@ use crate::solver::paper::principles::convex::{enough, iterate, minimise};
 use crate::solver::settings::Start;
 
 /// The laws of contact with the tangential reactions of `r` fixed.
-#[must_use]
 pub fn frozen_friction<const D: usize>(r: &[[f64; D]]) -> Vec<Frozen<D>> {
     r.iter()
         .map(|&tangential| Frozen::Contact { tangential })
@@ -21,7 +20,6 @@ pub fn frozen_friction<const D: usize>(r: &[[f64; D]]) -> Vec<Frozen<D>> {
 }
 
 /// The laws of friction with the normal reactions of `r` fixed.
-#[must_use]
 pub fn frozen_contact<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Frozen<D>> {
     let given = |(r, law): (&[f64; D], &ContactLaw)| {
         let normal = r[0].max(0.0);

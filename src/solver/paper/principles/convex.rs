@@ -26,19 +26,16 @@ pub struct PrinciplePoint<const D: usize> {
 
 impl<const D: usize> PrinciplePoint<D> {
     /// `‖(F, R̂ᵀ r̂ + ê)‖` of Coulomb's law.
-    #[must_use]
     pub fn merit(&self, problem: &Reduced<D>) -> f64 {
         merit(problem, &self.r, &self.v)
     }
 
     /// η.
-    #[must_use]
     pub fn residual(&self, problem: &Reduced<D>) -> f64 {
         residual(problem, &self.r, &self.v, &self.rigid)
     }
 
     /// The reference size of η.
-    #[must_use]
     pub fn size(&self, problem: &Reduced<D>) -> f64 {
         let eta = self.residual(problem);
         if eta > 0.0 {
@@ -49,7 +46,6 @@ impl<const D: usize> PrinciplePoint<D> {
     }
 
     /// Evaluates `v`.
-    #[must_use]
     pub fn new(problem: &Reduced<D>, r: Vec<[f64; D]>, rigid: Vec<f64>) -> Self {
         let v = problem.relative_displacement(&r, &rigid);
         Self { r, v, rigid }
@@ -99,7 +95,6 @@ pub fn minimise<const D: usize>(
 }
 
 /// Below the last measured rounding of `W r + q` no iteration helps.
-#[must_use]
 pub fn rounding<const D: usize>(
     problem: &Reduced<D>,
     point: &PrinciplePoint<D>,
@@ -110,7 +105,6 @@ pub fn rounding<const D: usize>(
 
 /// The accuracy of the next problem of a principle: a share of the error of the point, and no
 /// smaller than the tolerance requires.
-#[must_use]
 pub fn enough<const D: usize>(
     problem: &Reduced<D>,
     point: &PrinciplePoint<D>,
@@ -132,7 +126,7 @@ pub fn iterate<const D: usize>(
     mut pass: impl FnMut(&PrinciplePoint<D>, &mut Monitor<D>) -> Result<PrinciplePoint<D>, Ended>,
 ) -> Result<(), Ended> {
     let mut point = begin(problem, start, monitor);
-    monitor.look(&point.r, &point.v, &point.rigid, false)?;
+    let _ = monitor.look(&point.r, &point.v, &point.rigid, false)?;
     into_cones(problem, &mut point, monitor);
     let (mut best, mut waited) = (f64::INFINITY, 0);
     while waited < tuning::principle_patience() {
@@ -142,7 +136,7 @@ pub fn iterate<const D: usize>(
             // A pass without any step counts too, so that limits hold.
             point = PrinciplePoint::new(problem, point.r, point.rigid);
             monitor.count(1.0);
-            monitor.look(&point.r, &point.v, &point.rigid, true)?;
+            let _ = monitor.look(&point.r, &point.v, &point.rigid, true)?;
         }
         let eta = point.residual(problem);
         waited += 1;

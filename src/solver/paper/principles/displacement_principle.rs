@@ -16,7 +16,6 @@ use crate::solver::paper::principles::convex::iterate_frozen;
 use crate::solver::settings::Start;
 
 /// The laws of a pass, with friction limits from the pressures of `r`.
-#[must_use]
 pub fn frozen<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Frozen<D>> {
     let limit = |(r, law): (&[f64; D], &ContactLaw)| {
         let pressure = r[0].max(0.0);

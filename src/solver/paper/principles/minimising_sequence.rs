@@ -43,7 +43,6 @@ pub struct Sequence<const D: usize> {
 
 impl<const D: usize> Sequence<D> {
     /// With contacts in the numbering of the caller.
-    #[must_use]
     pub fn scattered(self, compliance: &Compliance<D>) -> Self {
         let each = |fields: Vec<Vec<[f64; D]>>| -> Vec<Vec<[f64; D]>> {
             fields.iter().map(|at| compliance.scatter(at)).collect()
@@ -61,7 +60,6 @@ impl<const D: usize> Sequence<D> {
 /// work. `v_n < 0` by the error of the displacements counts as closed: it is no work to be won.
 ///
 /// `W (τ − r)` is the difference of the two `v`, so that no product is needed.
-#[must_use]
 pub fn bifunctional<const D: usize>(
     problem: &Reduced<D>,
     of_u: &PrinciplePoint<D>,

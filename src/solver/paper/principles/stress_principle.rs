@@ -14,7 +14,6 @@ use crate::solver::paper::principles::convex::iterate_frozen;
 use crate::solver::settings::Start;
 
 /// The laws of a pass, with the slip of `v`.
-#[must_use]
 pub fn frozen<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<Frozen<D>> {
     let of_slip = |(v, law): (&[f64; D], &ContactLaw)| Frozen::Cone {
         law: *law,
