@@ -20,6 +20,8 @@ struct CachedPool {
 }
 
 static POOLS: PerProcess<CachedPool> = PerProcess::new();
+/// The system reads files for it: longer than a small problem takes.
+static CORES: OnceLock<usize> = OnceLock::new();
 
 /// The number of threads to use: `asked`, else `BIPOT_NUM_THREADS`, else
 /// `RAYON_NUM_THREADS`, else the cores this process might
@@ -43,8 +45,6 @@ pub fn count(asked: Option<usize>) -> Result<usize, Error> {
             }
         }
     }
-    // The system reads files for it: longer than a small problem takes.
-    static CORES: OnceLock<usize> = OnceLock::new();
     let cores = || std::thread::available_parallelism().map_or(1, Into::into);
     Ok(*CORES.get_or_init(cores))
 }

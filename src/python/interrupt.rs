@@ -78,7 +78,7 @@ pub(super) fn look_here() -> bool {
         return false;
     }
     LOOKED.set(Some(now));
-    let raised = Python::attach(|py| py.check_signals()).err();
+    let raised = Python::attach(|py| py.check_signals().err());
     let stop = raised.is_some();
     RAISED.set(raised);
     stop

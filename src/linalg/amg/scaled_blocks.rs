@@ -147,7 +147,8 @@ mod tests {
     #[test]
     fn rounding_is_relative_to_the_largest_entry_of_a_block() {
         for size in [1e-30_f32, 1e-4, 0.999_999_9, 1.0, 1.5, 3e4] {
-            let from: Vec<f32> = (0..9).map(|k| size * (k as f32 - 8.0) / 8.0).collect();
+            let of = |k: u8| size * (f32::from(k) - 8.0) / 8.0;
+            let from: Vec<f32> = (0..9).map(of).collect();
             let mut to = [0; 9];
             let scale = two_to(i32::from(write(&from, &mut to)));
             for (&from, &to) in from.iter().zip(&to) {
