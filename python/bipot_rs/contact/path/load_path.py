@@ -64,35 +64,19 @@ NO_FRAME = (
 
 @dataclass(frozen=True, eq=False)
 class PathProblem:
-    """What the load paths of a problem share.
+    """What the load paths of a problem share."""
 
-    Attributes
-    ----------
-    contacts
-        The contacts, with the friction of the path.
-    remarks
-        Warnings about the problem, to which those about a path are added.
-    seconds
-        Time of the condensation.
-    bodies
-        Names of the bodies, each with its first degree of freedom.
-    restored
-        Relative error of K, if it is not rounding.
-    held
-        Inclined supports, rigid sets and cyclic symmetries.
-    make_result
-        `Result`, or another class with the same arguments.
-    latches, engine_of
-        Bolts, if there are any, and the engine for a set of free ones.
-    """
-
-    contacts: Contacts
+    contacts: Contacts  # the contacts, with the friction of the path
+    # Warnings about the problem, to which those about a path are added.
     remarks: ProblemRemarks
-    seconds: float
+    seconds: float  # time of the condensation
+    # Names of the bodies, each with its first degree of freedom.
     bodies: Mapping[str, int] | None = None
-    restored: RestoredDigits | None = None
-    held: Held | None = None
+    restored: RestoredDigits | None = None  # relative error of K, if it is not rounding
+    held: Held | None = None  # inclined supports, rigid sets and cyclic symmetries
+    # `Result`, or another class with the same arguments.
     make_result: Callable[..., Result] = Result
+    # latches, engine_of: bolts, if there are any, and the engine for a set of free ones.
     latches: Latches | None = None
     engine_of: Callable[[Bools], Engine] | None = None
 
@@ -100,27 +84,11 @@ class PathProblem:
 class PathSolver:
     """A load path whose steps are being solved.
 
-    Parameters
-    ----------
-    engine
-        Solves the steps.
-    problem
-        What all paths of the problem share.
-    settings
-        Settings of the solver.
-    start
-        Where the path continues from.
-    derivatives
-        For the derivatives of the result.
-
-    Attributes
-    ----------
-    path
-        State of the core.
-    before
-        The step that the path started from; ``None`` for the unloaded bodies.
-    steps
-        The steps that converged.
+    ``engine`` solves the steps; the path continues from ``start``, and ``derivatives`` are
+    for those of the result.
+    ``path``: state of the core.
+    ``before``: the step that the path started from; ``None`` for the unloaded bodies.
+    ``steps``: the steps that converged.
     """
 
     def __init__(
@@ -191,10 +159,7 @@ class PathSolver:
     def _turn_to_frames(self, gap: Gap | None) -> Floats | None:
         """Set the core to the frames of a step.
 
-        Returns
-        -------
-        (n_c, d, d) or None
-            Gaps by component of the step, if it has frames.
+        Returns ``(n_c, d, d) or None``: gaps by component of the step, if it has frames.
         """
         at, base = self._last_step(), self._contacts.frame
         offsets = None if gap is None else list_components(gap)
@@ -234,10 +199,7 @@ class PathSolver:
     def attempt(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
         """Solve a trial step. It joins the path only if it is accepted.
 
-        Raises
-        ------
-        NoEquilibriumError
-            Contacts contradict each other.
+        Raises `NoEquilibriumError`: contacts contradict each other.
         """
         began = time.perf_counter()
         given, latches = prescribed, self._problem.latches

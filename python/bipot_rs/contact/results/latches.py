@@ -19,24 +19,12 @@ from bipot_rs.contact.results.solution import Recovery, Step
 
 @dataclass(frozen=True, eq=False)
 class Latches:
-    """The latches of a problem.
+    """The latches of a problem."""
 
-    Attributes
-    ----------
-    dofs : (m,)
-        Their degrees of freedom, among the prescribed ones.
-    share : (m,)
-        Part of each force that the model contains.
-    fixed : (fixed,)
-        All prescribed degrees of freedom, ascending.
-    rows : sparse (m, n)
-        Their rows of K.
-    """
-
-    dofs: Ints
-    share: Floats
-    fixed: Ints
-    rows: CsrMatrix
+    dofs: Ints  # (m,): their degrees of freedom, among the prescribed ones
+    share: Floats  # (m,): part of each force that the model contains
+    fixed: Ints  # (fixed,): all prescribed degrees of freedom, ascending
+    rows: CsrMatrix  # sparse (m, n): their rows of K
 
     @property
     def at(self) -> Ints:

@@ -60,17 +60,10 @@ class Inquiry(Protocol[S]):
 
 @dataclass(eq=False)
 class Computed:
-    """What was computed of a solution so far; None for what was not asked yet.
+    """What was computed of a solution so far; None for what was not asked yet."""
 
-    Attributes
-    ----------
-    displacement : (n,)
-        Displacement of all degrees of freedom.
-    unique, error_estimate, error, diagnosis
-        The answers of `Inquiry`.
-    """
-
-    displacement: Floats | None = None
+    displacement: Floats | None = None  # (n,): displacement of all degrees of freedom
+    # unique, error_estimate, error, diagnosis: the answers of `Inquiry`.
     unique: str | None = None
     error_estimate: tuple[float, float] | None = None
     error: ErrorBound | None = None
@@ -375,10 +368,7 @@ class Recovery(Protocol):
     def condensed(self) -> _core.Condensed:
         """The condensed bodies, for derivatives.
 
-        Raises
-        ------
-        MemoryError
-            They were not condensed, and the factor does not fit into memory.
+        Raises `MemoryError`: they were not condensed, and the factor does not fit into memory.
         """
 
 

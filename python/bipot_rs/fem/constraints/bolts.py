@@ -69,10 +69,8 @@ def cut_bodies(
 ) -> tuple[list[Body], list[Cut]]:
     """Cut the shanks of bolts.
 
-    Raises
-    ------
-    ValueError
-        A name does not exist or repeats, or a section does not cut one shank in two.
+    Raises `ValueError`: a name does not exist or repeats, or a section does not cut one shank
+    in two.
     """
     if not bolts:
         return list(bodies), []

@@ -79,43 +79,24 @@ class Remote:
 
 @dataclass(frozen=True)
 class Reference:
-    """A reference point among the degrees of freedom.
+    """A reference point among the degrees of freedom."""
 
-    Attributes
-    ----------
-    name
-        That of the obstacle or the set.
-    kind
-        ``"obstacle"``, ``"rigid set"`` or ``"bolt"``, whose first translation is the shortening.
-    point : (d,)
-        Position [m].
-    first
-        First degree of freedom.
-    arm
-        Length L of the rotations ``ψ = L θ`` [m]; None for an obstacle.
-    fixed : (m,)
-        Prescribed degrees of freedom, ascending.
-    components, rotations
-        Prescribed translations and rotations (numbers of axes), except those that are zero.
-    idle : (k, rotations)
-        Rotations that move no node of the set: those about the line of its nodes.
-    whole
-        Name of the body whose nodes all belong to the set, or None.
-    share
-        Part of a bolt that is modelled.
-    """
-
-    name: str
+    name: str  # that of the obstacle or the set
+    # `"obstacle"`, `"rigid set"` or `"bolt"`, whose first translation is the shortening.
     kind: str
-    point: Floats
-    first: int
-    arm: float | None
-    fixed: Ints
+    point: Floats  # (d,): position [m]
+    first: int  # first degree of freedom
+    arm: float | None  # length L of the rotations `ψ = L θ` [m]; None for an obstacle
+    fixed: Ints  # (m,): prescribed degrees of freedom, ascending
+    # components, rotations: prescribed translations and rotations (numbers of axes), except
+    # those that are zero.
     components: tuple[int, ...]
     rotations: tuple[int, ...]
+    # (k, rotations): rotations that move no node of the set: those about the line of its nodes.
     idle: Floats = field(repr=False)
+    # Name of the body whose nodes all belong to the set, or None.
     whole: str | None = None
-    share: float = 1.0
+    share: float = 1.0  # part of a bolt that is modelled
 
     @property
     def nodes(self) -> int:
@@ -191,10 +172,8 @@ def make_references(
 ) -> tuple[tuple[Reference, ...], list[Relations]]:
     """Number the reference points, and make the relations of rigid sets and bolts.
 
-    Raises
-    ------
-    ValueError
-        Names that repeat or do not exist, wrong components, a set without nodes.
+    Raises `ValueError`: names that repeat or do not exist, wrong components, a set without
+    nodes.
     """
     dim, first = bodies.dim, bodies.n
     found: list[Reference] = []
