@@ -4,25 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import AnyArray, Floats, Ints, Record
 from bipot_rs.files.fields import MESH, labels
-
-if TYPE_CHECKING:
-
-    class _Group(Protocol):
-        """A group of h5py."""
-
-        attrs: Mapping[str, object]
-
-        def create_group(self, name: str) -> _Group: ...
-        def __contains__(self, name: str) -> bool: ...
-        def __getitem__(self, name: str) -> _Group: ...
-
 
 _CELLS, _FACETS = "cells", "contact_facets"
 
@@ -130,8 +118,8 @@ class ResultMesh:
 
     def save(
         self,
-        group: _Group,
-        store: Callable[[_Group, str, AnyArray, Mapping[str, str]], None],
+        group: Any,
+        store: Callable[[Any, str, AnyArray, Mapping[str, str]], None],
         units: Mapping[str, str],
     ) -> None:
         """Write to a group; ``store(group, name, array, attributes)`` makes a dataset."""
@@ -150,7 +138,7 @@ class ResultMesh:
                 )
 
     @classmethod
-    def load(cls, group: _Group, arrays: Callable[[_Group], Record]) -> ResultMesh:
+    def load(cls, group: Any, arrays: Callable[[Any], Record]) -> ResultMesh:
         """Read from a group; ``arrays(group)`` are its datasets.
 
         Raises
@@ -159,7 +147,7 @@ class ResultMesh:
             The group is not complete, or `ResultMesh` refuses it.
         """
 
-        def widen(group: _Group) -> Record:
+        def widen(group: Any) -> Record:
             return {
                 name: array.astype(np.int64) if array.dtype == np.int32 else array
                 for name, array in arrays(group).items()

@@ -56,10 +56,7 @@ def write_group(
     (points, d), count, whole = places.shape, len(steps), slice(None)
     group = file.create_group("VTKHDF")
     group.attrs["Version"], group.attrs["Type"] = (2, 3), np.bytes_("UnstructuredGrid")
-    of_points, in_cells = (
-        group.create_group("PointData"),
-        group.create_group("CellData"),
-    )
+    of_points, in_cells = map(group.create_group, ("PointData", "CellData"))
 
     def show(where: Group, name: str, shape: tuple[int, ...], *parts: Part) -> None:
         layout = h5py.VirtualLayout(shape, parts[0][1].dtype)
@@ -90,12 +87,8 @@ def write_group(
         kinds, offsets = np.full(points, _TYPES["vertex"]), np.arange(points + 1)
     group["Offsets"] = offsets.astype(group["Connectivity"].dtype)
     group["Types"] = kinds.astype(np.uint8)
-    for name, number in (
-        ("Points", points),
-        ("Cells", len(kinds)),
-        ("ConnectivityIds", offsets[-1]),
-    ):
-        group[f"NumberOf{name}"] = [number]
+    group["NumberOfPoints"], group["NumberOfCells"] = [points], [len(kinds)]
+    group["NumberOfConnectivityIds"] = [offsets[-1]]
 
     held: dict[str, Dataset] = {}
 

@@ -140,10 +140,13 @@ class Output:
 
     def stresses(self, case: Case) -> Iterator[dict[str, Floats]]:
         """The stress of all cells in each step, where each rank writes a part of them."""
+        from bipot_rs.fem.bodies.stress_recovery import MeanStress
         from bipot_rs.fem.paraview import cell_fields
 
+        means = [MeanStress(body) for body in case.model.bodies]
         for k, (_, step) in enumerate(self.reached):
-            yield cell_fields(case.model, step.displacement, case.rest_of(k, step))
+            rest = case.rest_of(k, step)
+            yield cell_fields(case.model, step.displacement, rest, means)
 
     def table(
         self, columns: Sequence[str], rows: Sequence[Mapping[str, object]]
