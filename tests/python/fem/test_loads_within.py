@@ -55,6 +55,20 @@ def test_resultants_of_a_part_are_exact(cell: str, order: int, seed: int) -> Non
         np.testing.assert_allclose(up @ x[:, 0] ** 2, work, **near)
 
 
+@pytest.mark.parametrize("cell", CELLS[:2])
+def test_a_ring_of_a_body_of_revolution(cell: str) -> None:
+    """p π (b² - a²), whose lever is r: 2 π p (b³ - a³)/3."""
+    turned = replace(STEEL, axisymmetric=True)
+    body = replace(distorted(cell, 1, 1), material=turned)
+    load = fem.Load("b", "top", pressure=2.0, within={0: (0.7, 2.2)})
+    up = -load.forces(body).reshape(-1, 2)[:, 1]
+    ring = np.pi * (2.2**2 - 0.7**2)
+    assert load.area(body) == pytest.approx(ring, rel=1e-12)
+    assert up.sum() == pytest.approx(2 * ring, rel=1e-12)
+    lever = 2 * np.pi * 2 * (2.2**3 - 0.7**3) / 3
+    assert up @ body.points[:, 0] == pytest.approx(lever, rel=1e-12)
+
+
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("cell", CELLS)
 def test_parts_add_up_to_the_whole(cell: str, order: int) -> None:
