@@ -367,3 +367,54 @@ def test_derivatives_by_the_preload(engine: str) -> None:
     assert np.allclose(tangent.displacement[1:, model.bolts[0].first], 1.0)
     total = np.sum(weights * tangent.reaction) + np.sum(by_u * tangent.displacement)
     np.testing.assert_allclose(gradient.prescribed[1, at], total, rtol=1e-8)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_the_place_of_the_section_does_not_matter(cell: str) -> None:
+    """Loads on the cells beside a section act on its shortening as on any displacement.
+
+    A bar is shortened by the same amount at two sections, under weight, heat, and a traction
+    along its side. Above both of them, and below, displacements are the same.
+    """
+    d, side = CELLS[cell], [np.linspace(0, 2, 3)]
+    mesh = fem.box([*side * (d - 1), np.linspace(0, 10, 11)], cell)
+    body = Body("bar", mesh, fem.Material(YOUNG, 0.3))
+    up, ends = np.eye(d)[-1], []
+    for level in (2.5, 6.5):
+        model = fem.assemble(
+            [body],
+            [Contact("bar", "top", 0.2, plane=(10 * up, up))],
+            [Support("bar", "bottom", range(d))],
+            bolts=[Bolt("bar", "bar", (level * up, up))],
+        )
+        load = model.body_force("bar", -50.0 * up)
+        load += model.initial_strain("bar", fem.thermal(1e-5, 30.0))
+        load += model.traction("bar", "right", 20.0 * up)
+        moved = model.prescribed([[0.0] * d], {"bar": [0.01]})
+        result = model.problem().solve(load, moved, tol=1e-13)
+        cut = model.bodies[0].points
+        outside = (cut[:, -1] < 1.5) | (cut[:, -1] > 7.5)
+        order = np.lexsort(cut[outside].T.round(6))
+        u = model.displacement_of("bar", result.displacement[0])
+        ends.append((u[outside][order], result.reaction[0]))
+    for one, other in zip(*ends, strict=True):
+        # Residuals of 1e-13 times the condition of the bar, 1e3.
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        (([0.0, 8.5], [0.0, 1.0]), "cuts the body at several places, near"),
+        (([0.0, 50.0], [0.0, 1.0]), "does not meet body 'frame'"),
+        (([0.0, 5.0, 0.0], [0.0, 1.0, 0.0]), "needs a point and a normal of 2 numbers"),
+        ("no", "has no surface 'no'"),
+        ("y12", "is on the boundary of the body at"),
+    ],
+)
+def test_sections_that_cut_no_shank(section: Any, message: str) -> None:
+    bodies = stand().bodies
+    with pytest.raises(ValueError, match=message):
+        fem.assemble(bodies, [], bolts=[Bolt("it", "frame", section)])
+    with pytest.raises(ValueError, match="there is no body 'farme'"):
+        fem.assemble(bodies, [], bolts=[Bolt("it", "farme", section)])
