@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from bipot_rs.cli.run.output_files import Output, Reached
 from support.bars import bar_problem, pulled
+from support.places import ROOT
 from support.runs import bipot
 
 # Plane, space, two bodies, second order of two kinds, several steps.
@@ -110,3 +112,20 @@ def test_contacts_are_points_without_a_mesh(tmp_path: Path) -> None:
         status = at_points["status"].reshape(len(result), n)
         np.testing.assert_array_equal(status, result.status)
     assert len(bp.load_result(tmp_path / "a.h5")) == len(result)
+
+
+def test_the_stress_where_ranks_write_parts_is_that_of_the_bodies(
+    tmp_path: Path,
+) -> None:
+    """Rank 0 has the fields of all cells, though each rank writes its own for result.pvd."""
+    heated = bp.Model.from_toml(ROOT / "examples/scenes/heated_bar.toml").assemble()
+    for case in (
+        heated,
+        bp.Model.from_toml("two_blocks").with_(**{"mesh.n": 2}).assemble(),
+    ):
+        reached: list[Reached] = [({"load": 1.0}, step) for step in case.solve()]
+        out = Output(tmp_path, tmp_path, case.scene, case, reached, [])
+        for part, whole in zip(out.stresses(case), out.bodies(case), strict=True):
+            assert part.keys() == whole.keys() == {"stress", "von_mises"}
+            for name in part:
+                np.testing.assert_array_equal(part[name], whole[name])
