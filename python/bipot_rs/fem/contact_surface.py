@@ -26,6 +26,8 @@ def surface_labels(model: Assembly) -> dict[str, AnyArray]:
     }
     if model.bolts:
         found["bolt_names"] = np.array([bolt.name for bolt in model.bolts], str)
+    if model.numbered.axisymmetric:
+        found["revolved"] = np.array(True)
     return found | ({"facets": contact_facets(model)} if model.dim == 3 else {})
 
 

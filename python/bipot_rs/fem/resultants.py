@@ -56,6 +56,8 @@ def contact_moment(
     In 2D ``(steps, 1)``. ``about`` is a point ``(d,)``, by default the origin. Errors as
     `contacts_on`.
     """
+    if model.numbered.axisymmetric:
+        raise ValueError("the moments of a body of revolution cancel around its axis")
     contacts = contacts_on(model, on)
     centre = 0.0 if about is None else floats("about", about, shape=(model.dim,))
     arms, moments = model.points[contacts] - centre, []

@@ -117,6 +117,25 @@ def test_moments_balance_the_loads(d: int, seed: int, bipot: Any) -> None:
     assert ("torque of foot" in columns) == (d == 3)
 
 
+def test_a_body_of_revolution_has_no_moments(bipot: Any) -> None:
+    m = bp.Model.from_toml("pressed_block").with_(
+        **{"mesh.n": 4, "body.block.plane": "axisymmetric"}
+    )
+    result = m.solve()
+    assert not [name for name in columns_of(result) if "moment" in name]
+    with pytest.raises(ValueError, match="cancel around its axis"):
+        result.contact_moment("block.bottom")
+    m.to_toml("ring.toml")
+    assert bipot("run", "ring.toml", "--out", "out", "--plot")[0] == 0
+    assert "moment" not in Path("out/steps.csv").read_text()
+    assert not [n for n in columns_of(bp.load("out/result.h5")) if "moment" in n]
+
+
+def columns_of(result: Any) -> list[str]:
+    table = result.table()
+    return list(table.columns if hasattr(table, "columns") else table.dtype.names)
+
+
 def test_names_of_contacts() -> None:
     m = blocks()
     (name,) = m.contacts

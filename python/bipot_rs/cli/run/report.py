@@ -55,10 +55,11 @@ def forces(model: Assembly, step: Step) -> dict[str, float | None]:
     frame = find_step_frames(step, model.frame)
     names = surface_names(model)
     cohesion = model.cohesion if model.cohesion.any() else None
+    points = None if model.numbered.axisymmetric else model.points
     law = model.mu, model.group, names, cohesion
-    return list_surface_forces(
-        step, frame, *law, model.points, model.area
-    ) | list_bolts(step, [bolt.name for bolt in model.bolts])
+    return list_surface_forces(step, frame, *law, points, model.area) | list_bolts(
+        step, [bolt.name for bolt in model.bolts]
+    )
 
 
 def by_surface(

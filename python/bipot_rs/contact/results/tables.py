@@ -151,7 +151,9 @@ def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | N
     if frame is None or mu is None:
         return bolts
     group, cohesion = contacts.get("surface"), contacts.get("cohesion")
-    places = contacts.get("x"), contacts.get("area")
+    # Around an axis of revolution moments cancel.
+    revolved = contacts.get("revolved") is not None
+    places = (None, None) if revolved else (contacts.get("x"), contacts.get("area"))
     if group is not None:
         names = list(contacts["surface_names"])
         forces = list_surface_forces(step, frame, mu, group, names, cohesion, *places)
