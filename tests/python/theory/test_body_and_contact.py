@@ -14,7 +14,11 @@ from bipot_rs import fem
 from bipot_rs.fem.bodies.elasticity import stiffness
 from bipot_rs.mesh.boxes import box
 from bipot_rs.mesh.elements import second_order
-from bipot_rs.theory.functionals import measure_bifunctional
+from bipot_rs.theory.functionals import (
+    Functionals,
+    measure_bifunctional,
+    of_problem,
+)
 from bipot_rs.theory.limit_load import bound_load
 from bipot_rs.theory.points import PlasticPoints, Rate
 from bipot_rs.theory.soil_body import Soil
@@ -284,6 +288,26 @@ def test_contacts_break_and_lift_as_of_a_contact_problem() -> None:
         if other.broken is not None:
             seen[1:] += other.broken.sum(), (~other.broken).sum()
     assert (seen > 20).all()
+
+
+@pytest.mark.parametrize("increments", [True, False])
+def test_excess_of_steps_that_break_and_lift(increments: bool) -> None:
+    """(28) of solved steps of a contact problem, with the cohesion and gaps of each."""
+    for seed in range(30):
+        K, B, law, load = draw_path(seed)
+        problem = bp.ContactProblem(K, B, **law)
+        result, structure = problem.solve(load, tol=1e-14), of_problem(problem, K)
+        for k, force in enumerate(load):
+            f = Functionals.of_step(structure, result, k, increments=increments)
+            du, dr = result[k].displacement, result[k].reaction
+            if k and increments:
+                du, dr = du - result[k - 1].displacement, dr - result[k - 1].reaction
+            v = result[k].relative_displacement
+            size = force @ np.linalg.solve(K, force) + np.abs(dr * v).sum()
+            # Rounding of some tens of terms.
+            assert abs(f.excess(du, dr)) < 1e-13 * size
+            whole = f.bifunctional(du, dr) + f.start_work
+            assert whole == pytest.approx(f.excess(du, dr), abs=1e-13 * size)
 
 
 @pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
