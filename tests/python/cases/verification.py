@@ -167,6 +167,7 @@ def page(*, fine: bool) -> str:
     import cases.manufactured
     import cases.plane
     import cases.published
+    import cases.revolution
     import cases.space
 
     def numbers(cases: dict[str, Callable[[], list[Row]]]) -> list[str]:
@@ -175,6 +176,7 @@ def page(*, fine: bool) -> str:
         return table(head, rows)
 
     approached = cases.plane.CASES | cases.space.CASES | cases.faults.CASES
+    approached |= cases.revolution.CASES
     refined = [
         [i.upper(), *row]
         for i, case in sorted(approached.items(), key=lambda pair: int(pair[0][1:]))
@@ -214,7 +216,7 @@ one digit.
 
 Cases A have answers by analysis: closed forms, statics, enumeration. Cases P are published
 problems. Cases H are hard: degenerate geometry, several answers or none, extreme numbers. The
-mesh approaches the answers of A7, A8, A9, A10, A13, A15 and A16 by refinement, and meets all
+mesh approaches the answers of A7 to A10, A13 and A15 to A19 by refinement, and meets all
 other answers A exactly.
 
 Sources: [J85] and the equations of the paper are in [theory.md](theory.md). *Closed form*: the
@@ -257,6 +259,10 @@ finite box reduces the force by about 5e-4, so that the last orders look better 
 
 For the faults A15 and A16, a is half the length of the crack and 75 m, and the outer boundary
 carries the exact displacements of the infinite body. [Faults](faults.md) derives the orders.
+
+For the bodies of revolution A17 to A19, a is the wall of the shaft or the radius of the contact.
+The body of A18 and A19 has the size 800 a, which adds about 1/800 to the force, and normals of
+A18 tilt by 0.002: the last orders of forces look worse than they are.
 """
 
 MANUFACTURED = """\

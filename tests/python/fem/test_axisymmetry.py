@@ -8,33 +8,15 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import analytic, fem
+from bipot_rs import fem
 from bipot_rs._lib.types import Floats
-from bipot_rs.obstacle.shapes import Sphere
+from cases.revolution import KINDS, fit, hertz, ring
 
 YOUNG, NU = 210e9, 0.3
-KINDS = {
-    "P1": ("triangle", 1),
-    "Q1": ("quadrilateral", 1),
-    "P2": ("triangle", 2),
-    "Q2": ("quadrilateral", 2),
-}
 
 
 def steel(young: float = YOUNG, nu: float = NU) -> fem.Material:
     return fem.Material(young, nu, axisymmetric=True)
-
-
-def ring(
-    kind: str, n: int, low: float, high: float, length: float, z: float = 0.0
-) -> Any:
-    cell, order = KINDS[kind]
-    grids = [
-        np.linspace(low, high, n + 1),
-        np.linspace(z, z + length, max(1, n // 2) + 1),
-    ]
-    mesh: Any = fem.box(grids, cell)
-    return fem.second_order(mesh) if order == 2 else mesh
 
 
 def orders(errors: list[float]) -> Floats:
@@ -116,65 +98,17 @@ def test_one_cell_against_an_independent_quadrature() -> None:
     assert (free < 1e-12 * free[-1]).sum() == 1  # only translation along z
 
 
-def fit(
-    kind: str, n: int, pairing: str, other: int, scale: float = 1.0, force: float = 1.0
-) -> tuple[Any, Any, float]:
-    """A hub shrunk onto a tube, ends held: the result, the model, and Lamé's pressure."""
-    a, b, c, delta = 0.01 * scale, 0.02 * scale, 0.04 * scale, 2e-5 * scale
-    E = YOUNG * force / scale**2
-    shaft = fem.Body("shaft", ring(kind, n, a, b, 0.01 * scale), steel(E))
-    hub = fem.Body("hub", ring(kind, other, b, c, 0.01 * scale), steel(E / 2, 0.25))
-    contact = fem.Contact(
-        "shaft",
-        "right",
-        mu=0.0,
-        against=("hub", "left"),
-        clearance=-delta,
-        pairing=pairing,
-    )
-    supports = [
-        fem.Support(body, s, (1,))
-        for body in ("shaft", "hub")
-        for s in ("bottom", "top")
-    ]
-    model = fem.assemble([shaft, hub], [contact], supports)
-    result = solve(model, np.zeros(model.n))
-
-    def widens(inner: float, outer: float, E: float, nu: float, inside: bool) -> float:
-        r, square = (inner if inside else outer), outer**2 - inner**2
-        A, C = (inner**2, 1) if inside else (-(outer**2), -1)
-        return (
-            (1 + nu) / E / square * ((1 - 2 * nu) * A * r + C * inner**2 * outer**2 / r)
-        )
-
-    pressure = delta / (widens(b, c, E / 2, 0.25, True) - widens(a, b, E, NU, False))
-    return result, model, pressure
-
-
-@pytest.mark.parametrize(
-    ("kind", "least"), [("P1", 0.9), ("Q1", 1.8), ("P2", 1.8), ("Q2", 3.0)]
-)
-def test_a_shrink_fit(kind: str, least: float) -> None:
-    """Pressure of Lamé, and the force of a full turn, on meshes that do not match."""
-    errors = []
-    for n in (4, 8, 16):
-        result, model, pressure = fit(kind, n, "mortar", n + n // 2)
-        total = result.reaction[0, :, 0].sum()
-        errors.append(abs(total / model.area.sum() / pressure - 1))
-        # ∫ 2 π r dz, to rounding.
-        assert model.area.sum() == pytest.approx(2 * np.pi * 0.02 * 0.01, rel=1e-13)
-    assert orders(errors)[-1] >= least
-
-
 def test_the_shrink_fit_in_other_units() -> None:
-    """Metres and newtons, or millimetres and kilonewtons: the same forces."""
-    one, model, _ = fit("Q1", 6, "match", 6)
-    two, other, _ = fit("Q1", 6, "match", 6, 1e3, 1e-3)
+    """Lengths and forces in other units: the same forces, areas and full turn."""
+    (one, model), (two, other) = fit("Q1", 6, "match"), fit("Q1", 6, "match", 1e3, 1e-3)
+    size = two.reaction.max()
     # Rounding of K, whose condition is about 1e4.
-    assert one.reaction[0] * 1e-3 == pytest.approx(
-        two.reaction[0], rel=1e-9, abs=1e-12 * two.reaction.max()
+    assert 1e-3 * one.reaction[0] == pytest.approx(
+        two.reaction[0], rel=1e-9, abs=1e-12 * size
     )
-    assert other.area == pytest.approx(model.area * 1e6, rel=1e-13)
+    assert other.area == pytest.approx(1e6 * model.area, rel=1e-13)
+    assert model.area.sum() == pytest.approx(2 * np.pi * 2.0, rel=1e-13)
+    assert fit("P2", 4)[1].area.sum() == pytest.approx(2 * np.pi * 2.0, rel=1e-13)
 
 
 def scene(n: int, **body: Any) -> Any:
@@ -208,104 +142,13 @@ def test_a_solid_shaft_in_plane_stress_from_a_scene() -> None:
     assert result.traction[0, :-1, 0] == pytest.approx(pressure, rel=3e-3)
 
 
-def test_the_quarter_in_space_of_the_same_fit() -> None:
-    """The same parts in space, between two planes of symmetry: forces are a quarter."""
-    pressures = []
-    for n in (4, 8):
-        bodies = []
-        for name, low, high, E, nu in (
-            ("shaft", 0.01, 0.02, YOUNG, NU),
-            ("hub", 0.02, 0.04, YOUNG / 2, 0.25),
-        ):
-            mesh: Any = fem.box(
-                [
-                    np.linspace(low, high, n + 1),
-                    np.linspace(0, np.pi / 2, 2 * n + 1),
-                    [0.0, 0.01],
-                ],
-                "hexahedron",
-            )
-            r, angle, z = mesh.p
-            mesh.p[:] = r * np.cos(angle), r * np.sin(angle), z
-            bodies.append(fem.Body(name, mesh, fem.Material(E, nu)))
-        supports = [
-            fem.Support(name, s, (2,))
-            for name in ("shaft", "hub")
-            for s in ("bottom", "top")
-        ]
-        supports += [
-            fem.Support(name, s, (k,))
-            for name in ("shaft", "hub")
-            for s, k in (("front", 1), ("back", 0))
-        ]
-        contact = fem.Contact(
-            "shaft", "right", mu=0.0, against=("hub", "left"), clearance=-2e-5
-        )
-        space = fem.assemble(bodies, [contact], supports)
-        answer = solve(space, np.zeros(space.n))
-        pressures.append(answer.reaction[0, :, 0].sum() / space.area.sum())
-    plane = fit("Q1", 32, "match", 32)[2]
-    errors = [abs(p / plane - 1) for p in pressures]
-    assert errors[1] < 0.5 * errors[0] < 0.05
-
-
-def base(r: Floats) -> fem.Body:
-    """A cylinder as high as wide, with fine cells at its top and axis."""
-    return fem.Body("base", fem.box([r, -r[::-1]], "quadrilateral"), steel(1.0, 0.3))
-
-
-HELD = [fem.Support("base", "bottom", (1,)), fem.Support("base", "right", (0,))]
-
-
-def test_a_flat_punch() -> None:
-    """F = 2 E* a δ, and the pressure F / (2 π a √(a² - r²)) inside."""
-    forces, worst, e_star, delta = [], [], 1 / 0.91, 1e-3
-    for n in (8, 16, 32):
-        r = np.concatenate(
-            [np.linspace(0, 1, n + 1), 1 + np.geomspace(1 / n, 79, 3 * n)]
-        )
-        punch = fem.Contact(
-            "base",
-            "top",
-            mu=0.0,
-            plane=((0.0, -delta), (0.0, -1.0)),
-            within={0: (0.0, 1.0)},
-        )
-        model = fem.assemble([base(r)], [punch], HELD)
-        result = solve(model, np.zeros(model.n))
-        force = result.reaction[0, :, 0].sum()
-        forces.append(force / (2 * e_star * delta) - 1)
-        inner = model.points[:, 0] < 0.7
-        exact = force / (2 * np.pi * np.sqrt(1 - model.points[inner, 0] ** 2))
-        worst.append(np.abs(result.traction[0, inner, 0] / exact - 1).max())
-    # First order in the cell at the edge; walls at 80 radii add 1/80.
-    assert np.diff(forces)[0] / np.diff(forces)[1] == pytest.approx(2, abs=0.4)
-    assert abs(forces[2]) < 0.03
-    assert worst[2] < 0.6 * worst[1] < 0.04
-
-
-@pytest.mark.parametrize("engine", ["direct", "iterative"])
-def test_hertz(engine: str) -> None:
-    """A rigid sphere on a half-space: force and largest pressure by the approach."""
-    # Normals tilt by a/R, which changes the answer by as much.
-    R, a, e_star = 1.0, 0.002, 1 / 0.91
-    errors = []
-    for n in (8, 16):
-        fine = np.linspace(0, 1.5 * a, int(1.5 * n) + 1)
-        r = np.concatenate([fine, 1.5 * a + np.geomspace(a / n, 800 * a, 5 * n)])
-        sphere = Sphere((0.0, R - a**2 / R), R)
-        contact = fem.Contact(
-            "base", "top", mu=0.0, obstacle=sphere, within={0: (0.0, 1.4 * a)}
-        )
-        model = fem.assemble([base(r)], [contact], HELD)
-        result = solve(model, np.zeros(model.n), engine=engine)
-        force = 4 / 3 * e_star * a**3 / R
-        found = -float((model.frame[:, 0, 1] * result.reaction[0, :, 0]).sum())
-        _, _, p0 = analytic.hertz_sphere(force, R, e_star)
-        errors.append((abs(found / force - 1), abs(result.traction[0, 0, 0] / p0 - 1)))
-    # Walls at 800 radii of the contact add less than the mesh, whose order is 1.
-    assert errors[1][0] < 0.55 * errors[0][0] < 0.005
-    assert errors[1][1] < 0.6 * errors[0][1] < 0.02
+def test_hertz_by_the_iterative_engine() -> None:
+    """The same forces as by the direct engine, to the tolerance of both."""
+    (direct, one), (iterative, two) = hertz(8, "direct"), hertz(8, "iterative")
+    assert iterative == pytest.approx(direct, rel=1e-9)
+    assert two.traction == pytest.approx(
+        one.traction, rel=1e-7, abs=1e-9 * one.traction.max()
+    )
 
 
 def test_manufactured_solution_touching_the_axis() -> None:

@@ -10,6 +10,7 @@ import cases.hard
 import cases.manufactured
 import cases.plane
 import cases.published
+import cases.revolution
 import cases.space
 from cases import verification
 from cases.verification import PAGE, Row
@@ -17,12 +18,12 @@ from cases.verification import PAGE, Row
 # Cases run once for their own test and for the page, in one worker.
 pytestmark = pytest.mark.xdist_group("verification")
 MODULES = (cases.exact, cases.published, cases.hard, cases.plane, cases.space)
-for module in (*MODULES, cases.faults, cases.manufactured):
+for module in (*MODULES, cases.faults, cases.manufactured, cases.revolution):
     module.CASES.update({name: cache(case) for name, case in module.CASES.items()})
 
 NUMBERS = cases.exact.CASES | cases.published.CASES | cases.hard.CASES
 REFINED = cases.plane.CASES | cases.space.CASES | cases.manufactured.CASES
-REFINED |= cases.faults.CASES
+REFINED |= cases.faults.CASES | cases.revolution.CASES
 
 
 @cache

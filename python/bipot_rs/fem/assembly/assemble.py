@@ -91,7 +91,7 @@ def assemble(
     for contact in contacts:
         check_contact(contact, dim)
     if numbered.axisymmetric:
-        _check_axisymmetric(contacts, remotes, repetitions)
+        _check_axisymmetric(contacts, remotes, repetitions, bolts)
     nodes = np.concatenate([body.points for body in bodies])
     straight, planes = _sort_planes(numbered, symmetries)
     supports = [*supports, *straight]
@@ -204,6 +204,7 @@ def _check_axisymmetric(
     contacts: Sequence[Contact],
     remotes: Sequence[Remote],
     repetitions: Sequence[Repetition],
+    bolts: Sequence[Bolt],
 ) -> None:
     """Refuse what turns a half section, or moves it along r as a rigid body."""
     if remotes:
@@ -211,8 +212,10 @@ def _check_axisymmetric(
             f"remote {remotes[0].name!r}: bodies of revolution have no remotes; use a support, "
             "a traction or a pressure"
         )
-    if repetitions:
-        raise ValueError("bodies of revolution have no cyclic and no periodic cuts")
+    if repetitions or bolts:
+        raise ValueError(
+            "bodies of revolution have no cyclic or periodic cuts and no bolts: remove them"
+        )
     for contact in contacts:
         name = f"contact on {contact.surface!r} of body {contact.body!r}"
         if contact.motion is not None and contact.motion.turns:
