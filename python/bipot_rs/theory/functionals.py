@@ -66,11 +66,6 @@ class Functionals:
         ``(u_n0 + h0, 0)`` of each contact, ``(n_c, d)``.
     start_work
         ``Σ t0·offset``, the constant ``Σ t_n0 (u_n0 + h0)`` that (54) omits.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A wrong argument.
     """
 
     def __init__(

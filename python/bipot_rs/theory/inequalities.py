@@ -183,11 +183,6 @@ class Response:
     inverse_monotonicity
         The same constant of ``E⁻¹`` [force/length]. It is zero if supports leave rigid
         motions free, and ``None`` if ``E⁻¹`` does not exist.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A wrong argument.
     """
 
     def __init__(

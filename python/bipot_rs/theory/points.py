@@ -150,11 +150,6 @@ class PlasticPoints:
         ν where the stress across the plane is elastic, as with Mohr and Coulomb.
     shape
         Leading shape of fields, such as ``(cells, points)``; default ``(m,)``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A wrong argument.
     """
 
     def __init__(

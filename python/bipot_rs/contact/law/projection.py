@@ -41,11 +41,6 @@ def project(
         ``mu = 0`` a closed contact is ``SLIP``. With cohesion ``OPEN`` is ``t_n = 0``, for any
         tangential part.
 
-    Raises
-    ------
-    TypeError, ValueError
-        An argument has the wrong type or shape, or is not finite.
-
     Examples
     --------
     >>> import bipot_rs as bp
