@@ -30,23 +30,17 @@ macro_rules! real {
     ($type:ty) => {
         impl Real for $type {
             #[inline(always)]
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::inline_always,
-                reason = "rounding to this type is the purpose; the loops need one body"
-            )]
+            #[allow(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
             fn rounded(x: f64) -> Self {
                 x as $type
             }
 
             #[inline(always)]
-            #[allow(clippy::inline_always, reason = "part of inner loops")]
             fn double(self) -> f64 {
                 f64::from(self)
             }
 
             #[inline(always)]
-            #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
             fn times_plus<const FMA: bool>(self, a: Self, b: Self) -> Self {
                 if FMA {
                     self.mul_add(a, b)

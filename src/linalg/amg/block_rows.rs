@@ -31,7 +31,6 @@ impl Blocks for BlockMatrix {
     }
 
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "part of inner loops")]
     fn row(&self, node: usize) -> Range<usize> {
         self.start[node] as usize..self.start[node + 1] as usize
     }
@@ -45,7 +44,6 @@ impl Blocks for BlockMatrix {
     }
 
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "part of inner loops")]
     fn scale(&self, _: usize) -> f32 {
         1.0
     }
@@ -66,7 +64,6 @@ struct KernelRows<'a, A, F, const B: usize, const L: usize> {
 
 impl<A: Blocks, F: Finish, const B: usize, const L: usize> WideWork for KernelRows<'_, A, F, B, L> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(mut self) {
         let matrix = self.matrix;
         for (k, i) in self.nodes.enumerate() {
@@ -129,7 +126,6 @@ struct Store<'a> {
 
 impl Finish for Store<'_> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn finish<const FMA: bool>(&mut self, _: usize, k: usize, product: &[f32]) {
         self.y[k * product.len()..][..product.len()].copy_from_slice(product);
     }
@@ -157,7 +153,6 @@ struct Subtract<'a> {
 
 impl Finish for Subtract<'_> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn finish<const FMA: bool>(&mut self, _: usize, k: usize, product: &[f32]) {
         let n = product.len();
         let (b, y) = (&self.b[k * n..][..n], &mut self.y[k * n..][..n]);
@@ -196,7 +191,6 @@ struct SmootherStep<'a> {
 
 impl Finish for SmootherStep<'_> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[f32]) {
         let n = product.len();
         let inverse = &self.inverse[k * n * n..][..n * n];
@@ -253,7 +247,6 @@ struct FirstStep<'a, const B: usize> {
 
 impl<const B: usize> WideWork for FirstStep<'_, B> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
         let rows = self.d.chunks_exact_mut(B).zip(self.y.chunks_exact_mut(B));
         let given = self.b.chunks_exact(B).zip(self.inverse.chunks_exact(B * B));

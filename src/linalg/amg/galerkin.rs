@@ -154,7 +154,6 @@ struct SizedProductRows<'a, const B: usize, const M: usize, const L: usize>(Prod
 
 impl<const B: usize, const M: usize, const L: usize> WideWork for SizedProductRows<'_, B, M, L> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
         let ProductRows {
             matrix,
@@ -267,7 +266,6 @@ struct SizedCoarseRows<'a, const B: usize, const M: usize, const L: usize>(Coars
 
 impl<const B: usize, const M: usize, const L: usize> WideWork for SizedCoarseRows<'_, B, M, L> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
         let CoarseRows {
             p,

@@ -180,7 +180,6 @@ struct SizedProlongationRows<'a, const B: usize>(ProlongationRows<'a>);
 
 impl<const B: usize> WideWork for SizedProlongationRows<'_, B> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
         let ProlongationRows {
             of,

@@ -91,7 +91,6 @@ impl Blocks for ScaledBlocks {
     }
 
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "part of inner loops")]
     fn row(&self, node: usize) -> Range<usize> {
         self.start[node] as usize..self.start[node + 1] as usize
     }
@@ -105,7 +104,6 @@ impl Blocks for ScaledBlocks {
     }
 
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "part of inner loops")]
     fn scale(&self, at: usize) -> f32 {
         two_to(i32::from(self.exponent[at]))
     }
@@ -113,7 +111,6 @@ impl Blocks for ScaledBlocks {
 
 /// `2^exponent`, of a normal number.
 #[inline(always)]
-#[allow(clippy::inline_always, reason = "part of inner loops")]
 fn two_to(exponent: i32) -> f32 {
     f32::from_bits(((exponent + BIAS) << SIGNIFICAND).cast_unsigned())
 }

@@ -71,14 +71,12 @@ impl<'a> StoredBlock<'a> {
 
     /// The entry of a row and a column.
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "part of inner loops")]
     pub(super) fn entry(self, row: usize, column: usize) -> f64 {
         self.values[row * self.strides[0] + column * self.strides[1]]
     }
 
     /// Calls `visit` with the row, the column and the value of each entry, by columns.
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "part of inner loops")]
     pub(super) fn for_each(self, b: usize, mut visit: impl FnMut(usize, usize, f64)) {
         for column in 0..b {
             for row in 0..b {
@@ -381,7 +379,6 @@ struct Sized<'a, const B: usize>(ProductPart<'a>);
 
 impl<const B: usize> WideWork for Sized<'_, B> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
         let ProductPart {
             matrix,

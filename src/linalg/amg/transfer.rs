@@ -51,7 +51,6 @@ struct Restrict<'a, const B: usize, const M: usize, const L: usize>(Transfer<'a>
 
 impl<const B: usize, const M: usize, const L: usize> WideWork for Restrict<'_, B, M, L> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
         let Transfer { p, first, from, to } = self.0;
         for (k, to) in to.chunks_exact_mut(M).enumerate() {
@@ -76,7 +75,6 @@ struct Prolong<'a, const B: usize, const M: usize, const L: usize>(Transfer<'a>)
 
 impl<const B: usize, const M: usize, const L: usize> WideWork for Prolong<'_, B, M, L> {
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
         let Transfer { p, first, from, to } = self.0;
         for (k, to) in to.chunks_exact_mut(B).enumerate() {
