@@ -43,7 +43,7 @@ from bipot_rs.contact.path.moving_gaps import (
 )
 from bipot_rs.contact.results.core_answer import find_opening, make_step
 from bipot_rs.contact.results.derivatives import PathDerivatives
-from bipot_rs.contact.results.latches import LatchedRecovery, Latches
+from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Computed, Recovery, Step
 
@@ -130,7 +130,9 @@ class PathSolver:
         if latches is not None:
             if self._free is None:
                 at = None
-            elif not latches.is_continued(at, self._free) and at is not None:
+            elif at is not None and (
+                at.tightened is None or not np.array_equal(at.tightened, self._free)
+            ):
                 # Its rigid motions and working set are those of another K.
                 at = replace(at, from_state=True, working_set=None, working_motion=None)
         if held is not None and at is not None:
@@ -220,10 +222,7 @@ class PathSolver:
         step = self._complete(step, load, prescribed, gap)
         if latches is None or self._free is None:
             return step
-        recovery = step.recovery
-        if recovery is not None:
-            recovery = LatchedRecovery(recovery, prescribed)
-        step = replace(step, prescribed=given, recovery=recovery)
+        step = replace(step, prescribed=given)
         if not step.converged:
             return step
         r, contacts = step.reaction, self._contacts
@@ -299,7 +298,7 @@ class PathSolver:
             u = computed.displacement
             if u is not None:
                 computed = replace(computed, displacement=problem.held.displacement(u))
-            recovery = HeldRecovery(recovery, problem.held)
+            recovery = HeldRecovery(recovery, problem.held, prescribed)
         data = StepData(
             load,
             prescribed,
@@ -467,6 +466,7 @@ class HeldRecovery:
 
     recovery: Recovery
     held: Held
+    prescribed: Floats  # those of the engine, in which bolts may be free
 
     def has_factor(self) -> bool:
         """As `Recovery`."""
@@ -482,7 +482,8 @@ class HeldRecovery:
 
     def recover(self, steps: Sequence[Step], /) -> Floats:
         """As `Recovery`."""
-        reduced_steps = self.recovery.recover(steps)
+        own = [replace(step, prescribed=self.prescribed) for step in steps]
+        reduced_steps = self.recovery.recover(own)
         return np.stack([self.held.displacement(y) for y in reduced_steps])
 
 

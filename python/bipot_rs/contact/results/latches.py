@@ -7,14 +7,12 @@ the change since it was last free. Each set of free latches has a K of its own, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
-from bipot_rs.contact.results.solution import Recovery, Step
+from bipot_rs.contact.results.solution import Step
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +57,6 @@ class Latches:
                 "State(shortening=...) with one for each bolt"
             )
 
-    def is_continued(self, at: Step | None, free: Bools) -> bool:
-        """Whether a step had the same free latches."""
-        return (
-            at is not None
-            and at.tightened is not None
-            and np.array_equal(at.tightened, free)
-        )
-
     def complete(self, step: Step, pushed: Floats, free: Bools) -> Step:
         """A step with the shortening and the force of each bolt.
 
@@ -82,28 +72,3 @@ class Latches:
             bolt_force=force / self.share,
             tightened=free,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class LatchedRecovery:
-    """Displacements of a step, whose engine has other prescribed ones than the path."""
-
-    recovery: Recovery
-    prescribed: Floats
-
-    def has_factor(self) -> bool:
-        """As `Recovery`."""
-        return self.recovery.has_factor()
-
-    def primal(self) -> _core.Primal | None:
-        """As `Recovery`."""
-        return self.recovery.primal()
-
-    def condensed(self) -> _core.Condensed:
-        """As `Recovery`."""
-        return self.recovery.condensed()
-
-    def recover(self, steps: Sequence[Step], /) -> Floats:
-        """As `Recovery`."""
-        own = [replace(step, prescribed=self.prescribed) for step in steps]
-        return self.recovery.recover(own)

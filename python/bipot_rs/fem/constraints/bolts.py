@@ -24,10 +24,6 @@ from bipot_rs.fem.bodies.body import Body
 from bipot_rs.mesh.elements import cell_nodes, facet_nodes, kind_of, make_mesh
 from bipot_rs.mesh.kinds import ElementMesh
 
-# The mean normal of a section, relative to the mean size of its normals, below which it has no
-# direction: that of a closed surface is rounding.
-_CLOSED = 1e-6
-
 
 @dataclass(frozen=True)
 class Bolt:
@@ -107,15 +103,13 @@ def _cut(body: Body, bolt: Bolt) -> tuple[Body, Ints, Cut]:
     kind, points = kind_of(mesh), np.vstack([body.points, body.points[nodes]])
     made, old = make_mesh(kind.vtk, points, cells[:, kind.order_of_vtk])
     number = np.argsort(old)
-    for name, cells_of_volume in (mesh.subdomains or {}).items():
-        made = made.with_subdomains({name: cells_of_volume})
-    made = made.with_boundaries(
-        {
-            name: _renumber_facets(mesh, made, np.asarray(own, np.int64))
-            for name, own in (mesh.boundaries or {}).items()
-            if name != bolt.section
-        }
-    )
+    made = made.with_subdomains(dict(mesh.subdomains or {}))
+    surfaces = {
+        name: _renumber_facets(mesh, made, np.asarray(own, np.int64))
+        for name, own in (mesh.boundaries or {}).items()
+        if name != bolt.section
+    }
+    made = made.with_boundaries(surfaces)
     centre = np.asarray(body.points[nodes].mean(axis=0), np.float64)
     cut = Cut(bolt, number[nodes], number[copy[nodes]], axis, centre)
     return Body(body.name, made, body.material), number, cut
@@ -128,49 +122,29 @@ def _find_section(body: Body, bolt: Bolt) -> tuple[Ints, Ints, Floats]:
     middle = mesh.p[:, mesh.t].mean(axis=1).T
     if isinstance(bolt.section, str):
         facets = body.facets(bolt.section)
-        if (sides[1, facets] < 0).any():
-            at = mesh.p[:, mesh.facets[:, facets[np.argmin(sides[1, facets])]]]
-            raise _refuse(
-                bolt,
-                f"is on the boundary of the body at {place(at.mean(axis=1))}: choose a "
-                "surface through the shank, between its head and its thread",
-            )
-        corners = mesh.p[:, mesh.facets[:, facets]]
-        edges = corners[:, 1:] - corners[:, :1]
-        if body.dim == 2:
-            areas = np.stack([edges[1, 0], -edges[0, 0]], axis=1)
-        else:
-            areas = np.cross(edges[:, 0].T, edges[:, -1].T)
-        apart = np.diff(middle[sides[:, facets]], axis=0)[0]
-        # All normals to one side of the first facet, as far as neighbours agree.
-        areas *= np.sign(np.sum(areas * apart, axis=1))[:, None]
-        areas *= np.where(areas @ areas[0] < 0, -1.0, 1.0)[:, None]
-        axis = areas.sum(axis=0)
-        if np.linalg.norm(axis) <= _CLOSED * np.linalg.norm(areas, axis=1).sum():
-            raise _refuse(
-                bolt, "has no direction: choose a surface that is nearly flat"
-            )
-        high = np.sum(apart * axis, axis=1) > 0
+        outer = facets[sides[1, facets] < 0]
+        if outer.size:
+            at = place(mesh.p[:, mesh.facets[:, outer[0]]].mean(axis=1))
+            why = f"is on the boundary of the body at {at}: choose one across the shank"
+            raise _refuse(bolt, why)
+        points = body.surface(bolt.section)
+        areas = np.einsum("dpq,pq->pd", np.asarray(points.normals), points.weights)
+        # The side of a facet that its normal points to depends on the numbers of the cells.
+        axis = (np.sign(areas @ areas[0])[:, None] * areas).sum(axis=0)
+        high = np.diff(middle[sides[:, facets]], axis=0)[0] @ axis > 0
     else:
-        point, normal = (np.asarray(part, np.float64) for part in bolt.section)
-        if point.shape != (body.dim,) or normal.shape != (body.dim,):
-            raise _refuse(bolt, f"needs a point and a normal of {body.dim} numbers")
-        axis = normal
-        if not np.linalg.norm(axis) > 0:
-            raise _refuse(
-                bolt, "has a normal of length zero: give the axis of the bolt"
-            )
+        point, axis = (np.asarray(part, np.float64) for part in bolt.section)
+        if not point.shape == axis.shape == (body.dim,) or not axis.any():
+            why = f"needs a point and a normal of {body.dim} numbers, not all zero"
+            raise _refuse(bolt, why)
         # Cells whose middle is on the plane up to rounding are below it.
         slack = 1e-9 * np.ptp(mesh.p) * np.linalg.norm(axis)
         over = (middle - point) @ axis > slack
         facets = np.flatnonzero((sides[1] >= 0) & (over[sides[0]] != over[sides[1]]))
         if not facets.size:
-            low, high_end = mesh.p.min(axis=1), mesh.p.max(axis=1)
-            raise _refuse(
-                bolt,
-                f"does not meet body {body.name!r}, which extends from {place(low)} to "
-                f"{place(high_end)}: move the point of the plane into the shank",
-            )
+            ends = " to ".join(place(end(mesh.p, axis=1)) for end in (np.min, np.max))
+            why = f"does not meet body {body.name!r}, which extends from {ends}"
+            raise _refuse(bolt, why)
         high = over[sides[1, facets]]
     upper = np.where(high, sides[1, facets], sides[0, facets])
     return facets, upper, np.asarray(axis / np.linalg.norm(axis), np.float64)
@@ -179,34 +153,23 @@ def _find_section(body: Body, bolt: Bolt) -> tuple[Ints, Ints, Floats]:
 def _find_upper_part(mesh: ElementMesh, facets: Ints, upper: Ints, bolt: Bolt) -> Bools:
     """The cells above a section, ``(cells,)``."""
     corners = np.asarray(mesh.facets, np.int64)[:, facets]
-    links = sparse.coo_array(
-        (
-            np.ones(corners[1:].size),
-            (np.tile(corners[0], len(corners) - 1), corners[1:].ravel()),
-        ),
-        shape=(mesh.p.shape[1],) * 2,
-    )
+    pairs = np.tile(corners[0], len(corners) - 1), corners[1:].ravel()
+    links = sparse.coo_array((np.ones(len(pairs[0])), pairs), [mesh.p.shape[1]] * 2)
     patches = sparse.csgraph.connected_components(links, directed=False)[1]
-    several = len(np.unique(patches[corners])) - 1
-    if several:
-        first, other = (
-            place(mesh.p[:, corners[:, patches[corners[0]] == patch][0]].mean(axis=1))
-            for patch in np.unique(patches[corners])[:2]
-        )
+    apart = np.flatnonzero(patches[corners[0]] != patches[corners[0, 0]])
+    if apart.size:
+        ends = (place(mesh.p[:, corners[:, k]].mean(axis=1)) for k in (0, apart[0]))
         raise _refuse(
             bolt,
-            f"cuts the body at several places, near {first} and {other}: make each shank a "
+            f"cuts the body at several places, near {' and '.join(ends)}: make each shank a "
             "body of its own, or name the section of one shank as a surface",
         )
     sides = np.asarray(mesh.f2t, np.int64)
     inner = sides[1] >= 0
     inner[facets] = False
-    parts = sparse.csgraph.connected_components(
-        sparse.coo_array(
-            (np.ones(inner.sum()), sides[:, inner]), shape=(mesh.nelements,) * 2
-        ),
-        directed=False,
-    )[1]
+    shape = mesh.nelements, mesh.nelements
+    joined = sparse.coo_array((np.ones(inner.sum()), sides[:, inner]), shape=shape)
+    parts = sparse.csgraph.connected_components(joined, directed=False)[1]
     lower = sides[:, facets].sum(axis=0) - upper
     if np.intersect1d(parts[upper], parts[lower]).size:
         at = place(mesh.p[:, corners].mean(axis=(1, 2)))
