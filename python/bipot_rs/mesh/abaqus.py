@@ -98,6 +98,12 @@ def list_files(path: Path) -> Iterator[Path]:
     yield from dict.fromkeys(file for file, _, _ in _lines(path, path.parent))
 
 
+def is_axisymmetric(path: Path) -> bool:
+    """Whether a deck has cells of type CAX."""
+    cells = re.compile(r"\*ELEMENT\b.*\bTYPE\s*=\s*CAX", re.IGNORECASE)
+    return any(cells.match(line) for _, _, line in _lines(path, path.parent))
+
+
 def _lines(path: Path, folder: Path, depth: int = 0) -> Iterator[tuple[Path, int, str]]:
     """Lines that are not comments, with file and number; those of ``*INCLUDE`` in place."""
     content = without(path.read_bytes())
@@ -230,7 +236,7 @@ class Reader:
             row[: len(place)] = place
         if self.shells and not any(kind in _SOLIDS.values() for kind, _ in self.blocks):
             raise ValueError(
-                f"the mesh {path} has shells but no solids: use CPE or CPS cells in 2D, or "
+                f"the mesh {path} has shells but no solids: use CPE, CPS or CAX cells in 2D, or "
                 "solid cells"
             )
         self.content = Content(

@@ -184,6 +184,6 @@ def _frame(ax: Axes | Any, corners: Floats, extent: float, unit: str | None) -> 
         ax.set_ylim(low[1] - 0.06 * extent, high[1] + 0.06 * extent)
         style.fit(ax)
         style.bare(ax)
-    style.name_axes(ax, corners.shape[1], unit)
+    style.name_axes(ax, "xyz"[: corners.shape[1]], unit)
     if ax.get_legend_handles_labels()[0]:
         style.legend_above(ax)

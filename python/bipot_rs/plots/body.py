@@ -166,7 +166,7 @@ def deformed(
             0, "gaps between bodies × 1: bodies that touch may seem to overlap"
         )
     style.note(ax, "\n".join(filter(None, lines)))
-    style.name_axes(ax, model.dim, units.get("length"))
+    style.name_axes(ax, model.numbered.axes, units.get("length"))
     return ax
 
 

@@ -204,7 +204,7 @@ def draw_space(
         if nothing:
             style.say(ax, NOTHING[quantity])
         style.note(ax, seen.said)
-    style.name_axes(ax, 3, seen.units.get("length"))
+    style.name_axes(ax, "xyz", seen.units.get("length"))
     return ax
 
 

@@ -170,10 +170,10 @@ def name_axis(axis: Axis, name: str, unit: str | None) -> None:
     axis.set_label_text(label(name, unit))
 
 
-def name_axes(ax: Axes, dim: int, unit: str | None) -> None:
-    """Label the axes of coordinates."""
-    for name in "xyz"[:dim]:
-        name_axis(getattr(ax, f"{name}axis"), name, unit)
+def name_axes(ax: Axes, names: str, unit: str | None) -> None:
+    """Label the axes of coordinates, such as ``"xy"``."""
+    for axis, name in zip("xyz", names, strict=False):
+        name_axis(getattr(ax, f"{axis}axis"), name, unit)
 
 
 def colour_bar(

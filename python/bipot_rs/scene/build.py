@@ -95,8 +95,17 @@ def _make_mesh(scene: Scene, block: Block) -> ElementMesh:
         # The readers take longer to import than a box takes to mesh.
         from bipot_rs.mesh.readers import read_mesh
 
-        mesh = read_mesh(scene.place(block.mesh.file), block.mesh.group)
+        file = scene.place(block.mesh.file)
+        mesh = read_mesh(file, block.mesh.group)
         _check_shape(scene, mesh)
+        if file.suffix.lower() == ".inp" and block.plane != "axisymmetric":
+            from bipot_rs.mesh.abaqus import is_axisymmetric
+
+            if is_axisymmetric(file):
+                raise ValueError(
+                    f'the mesh {file} has cells of type CAX: add plane = "axisymmetric" to '
+                    "the body"
+                )
     else:
         n = scene.mesh.n if scene.mesh else None
         axes = (block.x, block.y, block.z)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs._lib.types import Floats
+from bipot_rs.cli.commands.new import write_deck
+from bipot_rs.fem.bodies.boundary import spring_stiffness
 from cases.revolution import KINDS, fit, hertz, ring
 
 YOUNG, NU = 210e9, 0.3
@@ -314,10 +317,78 @@ def test_only_the_motion_along_the_axis_is_free() -> None:
             [tube], [fem.Contact("tube", "right", mu=0.0, plane=((2, 0), (-1, 0)))]
         )
     )
-    assert "translation along z" in words
+    assert "translation along the axis" in words
     held = fem.Contact("tube", "bottom", mu=0.0, plane=((0, 0), (0, 1)))
     model = fem.assemble([tube], [held])
     assert not list(describe_free_bodies(model))
     load = model.nodal_forces(fem.Load("tube", "top", pressure=2.0))
     result = solve(model, load)
     assert result.reaction[0, :, 0].sum() == pytest.approx(2 * np.pi * 3, rel=1e-10)
+
+
+def test_a_sphere_that_a_force_presses_and_a_spring() -> None:
+    """The force on an obstacle is that of a full turn, and so is the stiffness of a spring."""
+    m = bp.Model("ball")
+    m.material("rubber", young=1.0, poisson=0.3)
+    grid = np.linspace(0, 2, 9)
+    kind = {"plane": "axisymmetric", "cell": "quadrilateral"}
+    m.body("pad", material="rubber", x=grid, y=grid, **kind)
+    m.support("pad.bottom", y=0.0)
+    ball = {"centre": [0.0, 5.0], "radius": 3.0}
+    m.obstacle("ball", sphere=ball, force={"y": -0.01})
+    m.contact("pad.top", against="ball", mu=0.3, pairing="mortar")
+    result = m.solve()
+    assert result.contact_force("pad.top")[0, 1] == pytest.approx(-0.01, rel=1e-9)
+    body = fem.Body("b", ring("Q2", 4, 0, 2, 1), steel())
+    K = spring_stiffness(body, fem.Spring("b", "bottom", 3.0))
+    along = np.tile([0.0, 1.0], len(body.points))
+    assert along @ K @ along == pytest.approx(3 * np.pi * 2**2, rel=1e-12)
+
+
+def test_the_derivative_by_an_initial_strain() -> None:
+    """Along r, z and around the axis, against central differences."""
+
+    def solved(strain: Floats) -> tuple[Any, Any, Any]:
+        body = fem.Body("it", ring("Q1", 4, 0.0, 1.0, 1.0), steel(2.0))
+        contact = fem.Contact("it", "bottom", mu=0.3, plane=((0, 0), (0, 1)))
+        model = fem.assemble([body], [contact], [fem.Support("it", "right", (0,))])
+        strain = np.diag([0.01, 0.0, 0.02]) + strain
+        loads = [fem.Load("it", "top", pressure=0.1), fem.Load("it", strain=strain)]
+        return solve(model, sum(map(model.nodal_forces, loads))), model, loads
+
+    weight = np.random.default_rng(0).normal(size=(1, 5, 2))
+    result, model, loads = solved(np.zeros((3, 3)))
+    found = model.gradient(result.vjp(reaction=weight), loads).initial_strain[1]
+    for k in range(3):
+        step = np.zeros((3, 3))
+        step[k, k] = 1e-6
+        change = solved(step)[0].reaction - solved(-step)[0].reaction
+        # Differences of a linear answer: rounding over the step.
+        assert found[k, k] == pytest.approx(np.sum(weight * change) / 2e-6, abs=1e-8)
+
+
+def test_a_deck_of_axisymmetric_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """CAX4R: the scene says axisymmetric, and a pressure on a disk gives p π r²."""
+    deck = """*NODE
+1, 0., 0.\n2, 1., 0.\n3, 2., 0.\n4, 0., 1.\n5, 1., 1.\n6, 2., 1.
+*ELEMENT, TYPE=CAX4R, ELSET=ALL
+1, 1, 2, 5, 4\n2, 2, 3, 6, 5
+*SURFACE, NAME=TOP\n1, S3\n2, S3
+*SURFACE, NAME=FOOT\n1, S1\n2, S1
+*MATERIAL, NAME=STEEL\n*ELASTIC\n210000., 0.3
+*SOLID SECTION, ELSET=ALL, MATERIAL=STEEL
+*STEP\n*STATIC\n*DSLOAD\nTOP, P, 5.\n*END STEP
+"""
+    path = tmp_path / "disk.inp"
+    path.write_text(deck)
+    scene = tmp_path / "disk.toml"
+    monkeypatch.chdir(tmp_path)
+    write_deck("disk", path)
+    m = bp.Model.from_toml(scene)
+    m.contact("ALL.FOOT", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.3)
+    with pytest.raises(ValueError, match='type CAX: add plane = "axisymmetric"'):
+        m.with_(**{"body.ALL.plane": "strain"}).assemble()
+    force = m.solve().contact_force("ALL.FOOT")[-1, 1]
+    assert force == pytest.approx(5 * np.pi * 2**2, rel=1e-10)

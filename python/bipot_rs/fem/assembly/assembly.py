@@ -736,11 +736,13 @@ class Assembly:
                 other = row[~np.isnan(at[row]) & (at[row] != moved)]
                 if other.size:
                     where = place(self.nodes[other[0] // self.dim])
+                    part = (
+                        f"surface {support.surface!r}" if support.surface else "nodes"
+                    )
                     raise ValueError(
                         f"supports prescribe both {at[other[0]]:g} and {moved:g} for "
-                        f"component {k} of the node at {where}, the second one on surface "
-                        f"{support.surface!r} of body {support.body!r}: give both the same "
-                        "value"
+                        f"component {k} of the node at {where}, the second one on {part} of body "
+                        f"{support.body!r}: give both the same value"
                     )
                 at[row] = moved
         known_points = prescribed_values(self.references, references)

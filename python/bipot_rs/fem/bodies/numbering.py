@@ -61,6 +61,11 @@ class NumberedBodies(dict[str, NumberedBody]):
         return next(iter(self.values())).body.axisymmetric
 
     @property
+    def axes(self) -> str:
+        """Names of the coordinates, a letter each."""
+        return "rz" if self.axisymmetric else "xyz"[: self.dim]
+
+    @property
     def n(self) -> int:
         """Number of degrees of freedom of all bodies."""
         return sum(numbered.body.points.size for numbered in self.values())

@@ -215,7 +215,7 @@ def describe_motions(
     if len(members) > 1:
         alone = enumerate(model.bodies[b].name for b in members)
         movers = [*(([at], f" of body {name!r}") for at, name in alone), *movers]
-    axes = "z" if model.numbered.axisymmetric else "xyz"[:d]
+    axes = ["the axis"] if model.numbered.axisymmetric else model.numbered.axes
     for (moving, name), (k, axis) in product(movers, enumerate(axes)):
         shift = np.zeros(modes.shape[1])
         shift[[at * per_body + k for at in moving]] = 1 / np.sqrt(len(moving))
