@@ -305,12 +305,8 @@ def _without_slip(
     The tangents of an obstacle that turns or curves change: a node that cannot slip at the
     start may slip in a later step.
 
-    Parameters
-    ----------
-    B, whole
-        B in ``frame``, and the same without planes of symmetry.
-    free : (n,)
-        1 at free degrees of freedom, 0 at prescribed ones.
+    ``B, whole``: B in ``frame``, and the same without planes of symmetry.
+    ``free (n,)``: 1 at free degrees of freedom, 0 at prescribed ones.
     """
     count, d = frame.shape[:2]
     found, known = np.arange(count), None
