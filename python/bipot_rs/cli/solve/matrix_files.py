@@ -451,13 +451,12 @@ def _contacts(
     frame = frames(n)
     mu = table.numbers("mu")
     area = table.numbers("area") if "area" in table.names else None
-    for name, column, least in (("mu", mu, 0.0), ("area", area, None)):
-        if column is None:
-            continue
-        bad = column < 0 if least is not None else column <= 0
+    checks = [("mu", mu, mu < 0, "zero or positive")]
+    if area is not None:
+        checks.append(("area", area, area <= 0, "a positive number"))
+    for name, column, bad, wished in checks:
         if bad.any():
             k = int(np.argmax(bad))
-            wished = "zero or positive" if least is not None else "a positive number"
             raise table.wrong(
                 table.lines[k], f"{name} is {column[k]:g}, expected {wished}"
             )
@@ -474,18 +473,11 @@ def _contacts(
                 there = points.copy()
                 there[has] = _read_listed_nodes(table, other, listed, dim, has)[has]
                 distance = np.einsum("cd,cd->c", frame[:, 0], points - there)
-    gap = np.array(
-        [
-            gap_given if np.isfinite(gap_given) else gap_measured
-            for gap_given, gap_measured in zip(
-                table.numbers("gap", np.nan), distance, strict=True
-            )
-        ]
-    )
+    given = table.numbers("gap", np.nan)
     sides = [first] if second is None else [first, second]
     return {
         "B": operator(frame, sides, dofs.count),
-        "gap": gap,
+        "gap": np.where(np.isfinite(given), given, distance),
         "mu": mu,
         "area": area,
         "frame": frame,
