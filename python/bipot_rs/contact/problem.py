@@ -863,6 +863,10 @@ class ContactProblem:
         restored, digits = self.stiffness.options.restore(stiffness)
         remarks = self._examine(restored, self.stiffness.options)
         self.stiffness.update(restored, digits)
+        latches = self.loading.latches
+        if latches is not None:
+            latches = replace(latches, rows=restored.matrix[latches.dofs])
+            self.loading = replace(self.loading, latches=latches)
         self.remarks = remarks
 
     def _examine(self, stiffness: Csr, options: StiffnessOptions) -> ProblemRemarks:

@@ -207,7 +207,7 @@ class Estimator:
             )
         if model.references or model.ties is not None:
             raise ValueError(
-                "the model has a floating obstacle, a rigid set, a cyclic symmetry or a "
+                "the model has a floating obstacle, a rigid set, a cyclic symmetry, a bolt or a "
                 "periodicity: the discretisation error does not support them"
             )
         named = [set(body.mesh.boundaries or {}) for body in model.bodies]

@@ -1,5 +1,6 @@
 """Bolts: preload of a shank that is cut, kept in later load steps."""
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -418,3 +419,34 @@ def test_sections_that_cut_no_shank(section: Any, message: str) -> None:
         fem.assemble(bodies, [], bolts=[Bolt("it", "frame", section)])
     with pytest.raises(ValueError, match="there is no body 'farme'"):
         fem.assemble(bodies, [], bolts=[Bolt("it", "farme", section)])
+
+
+def test_another_stiffness_in_the_same_problem() -> None:
+    model, stiff = stand(mu=0.2), 2.0
+    forces: list[dict[str, float]] = [{"left": 900.0, "right": 500.0}, {}]
+    still = [[0.0] * 2] * 2
+    moved = [
+        model.prescribed(still, {b.name: [bolt] for b in model.bolts})
+        for bolt in (np.nan, 0.0)
+    ]
+    load = sum(model.reference_force(n, [f, 0.0]) for n, f in forces[0].items())
+    problem = model.problem()
+    before = problem.solve([load, load], moved, tol=1e-12)
+    assert model.ties is not None
+    problem.update(stiff * model.K)
+    after = problem.solve([load, load], moved, tol=1e-12)
+    for one, other in zip(after, before, strict=True):
+        # Forces are the same, and displacements half as large.
+        np.testing.assert_allclose(one.bolt_force, other.bolt_force, rtol=1e-9)
+        np.testing.assert_allclose(stiff * one.shortening, other.shortening, rtol=1e-9)
+
+
+def test_a_pickled_problem_solves_to_the_same_bits() -> None:
+    model = stand(mu=0.2)
+    moved = model.prescribed([[0.0] * 2] * 2, {"left": [np.nan], "right": [0.0]})
+    load = model.reference_force("left", [900.0, 0.0])
+    problem = model.problem()
+    ours, theirs = (
+        p.solve(load, moved) for p in (problem, pickle.loads(pickle.dumps(problem)))
+    )
+    assert ours[0].shortening.tobytes() == theirs[0].shortening.tobytes()

@@ -2,7 +2,7 @@
 
 The shortening of a bolt is one: a force determines it in the steps that tighten, and later steps
 prescribe it. In the prescribed displacements of a step, NaN stands for a free latch; a number is
-the change since it was last free. Each set of free latches has a K of its own, prepared once.
+its change in the step, zero to keep it. Each set of free latches has a K of its own, prepared once.
 """
 
 from __future__ import annotations

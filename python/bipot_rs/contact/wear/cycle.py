@@ -175,7 +175,9 @@ class Cycles:
         if at.cycle is None:
             if at.load is None or at.prescribed is None:
                 return None
-            return at.load, at.prescribed, start if at.gap is None else at.gap
+            # NaN where a bolt was tightened, which is over.
+            moved = np.nan_to_num(at.prescribed)
+            return at.load, moved, start if at.gap is None else at.gap
         return load, prescribed, start if gap is None else gap
 
     def _find_part(

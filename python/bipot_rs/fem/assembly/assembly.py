@@ -244,7 +244,7 @@ class Assembly:
         """
         if self.references or self.ties is not None:
             raise ValueError(
-                "the model has a floating obstacle, a rigid set, a cyclic symmetry or a "
+                "the model has a floating obstacle, a rigid set, a cyclic symmetry, a bolt or a "
                 "periodicity: K is not assembled in parts; solve it in one process"
             )
         return system_stiffness(self.numbered, self.springs, self.inclined, nodes)

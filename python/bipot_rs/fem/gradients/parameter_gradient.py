@@ -89,7 +89,7 @@ class ParameterGradient:
         self._model = model
         if model.references or model.ties is not None:
             raise ValueError(
-                "the model has a floating obstacle, a rigid set, a cyclic symmetry or a "
+                "the model has a floating obstacle, a rigid set, a cyclic symmetry, a bolt or a "
                 "periodicity: gradients with respect to parameters are not available"
             )
         u = floats("displacement", displacement, ndim=2)
