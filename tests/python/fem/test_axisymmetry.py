@@ -392,3 +392,27 @@ def test_a_deck_of_axisymmetric_cells(
         m.with_(**{"body.ALL.plane": "strain"}).assemble()
     force = m.solve().contact_force("ALL.FOOT")[-1, 1]
     assert force == pytest.approx(5 * np.pi * 2**2, rel=1e-10)
+
+
+def test_a_seal_that_contact_alone_holds() -> None:
+    """A ring between plates and a bore: to the last digits, in balance along z."""
+    m = bp.Model("seal")
+    m.material("rubber", young=5.0, poisson=0.45)
+    kind = {"plane": "axisymmetric", "cell": "quadrilateral", "order": 2}
+    grid = np.linspace(0, 4, 13)
+    m.body("ring", material="rubber", x=18 + grid, y=grid, **kind)
+    m.obstacle("plate", plane={"point": [0, 4], "normal": [0, -1]}, move={"y": -0.2})
+    bore = {"point": [22.05, 0], "normal": [-1, 0]}
+    m.contact("ring.top", against="plate", mu=0.3, pairing="mortar")
+    floor = {"point": [0, 0], "normal": [0, 1]}
+    m.contact("ring.bottom", plane=floor, mu=0.3, pairing="mortar")
+    m.contact("ring.right", plane=bore, mu=0.3, pairing="mortar")
+    m.pressure("ring.left", value=0.5)
+    result = m.solve()
+    # A rigid motion found with few digits raises the tolerance instead.
+    assert result.residual.max() <= 1e-12
+    sides = [
+        result.contact_force(f"ring.{s}")[-1, 1] for s in ("top", "bottom", "right")
+    ]
+    assert sum(sides) == pytest.approx(0, abs=1e-10 * max(np.abs(sides)))
+    assert (np.abs(sides) > 10).all()

@@ -496,7 +496,10 @@ class Assembly:
                 # About the line of its nodes, a rigid set does not turn with the body.
                 turns = np.eye(len(point.turns)) - point.idle.T @ point.idle
                 motions[point.turns, d:] = point.arm / reach * turns
-        # A body of revolution resists those of the plane but for one: the core finds that in K.
+        if self.numbered.axisymmetric:
+            motions[:, [0, 2]] = (
+                0.0  # a body of revolution translates along its axis only
+            )
         return places, motions, np.ones(self.n) if self._loss is None else self._loss
 
     def gradient(
