@@ -221,13 +221,26 @@ pub enum Error {
     Threads { threads: usize },
     /// A problem that the engine in the displacements cannot solve.
     #[error("engine 'iterative' cannot solve this problem: {reason}. Use engine='direct'")]
-    NotIterative { reason: &'static str },
-    /// A support at a contact for which the engine in the displacements has no variables.
+    NotIterative {
+        reason: &'static str,
+        /// A degree of freedom of the body that it is about.
+        dof: Option<usize>,
+    },
+    /// Contacts for which the engine in the displacements has no variables; `contact` is the first.
+    /// A support holds it along another direction than its normal and tangents if it is `oblique`.
     #[error(
-        "engine 'iterative' cannot solve this problem: a support holds contact {contact} along a \
-         direction that is neither its normal nor a tangent. Use engine='direct'"
+        "engine 'iterative' cannot solve this problem: contact {contact} {}. Use engine='direct'",
+        if *oblique {
+            "is held along a direction that is neither its normal nor a tangent"
+        } else {
+            "shares each of its nodes with other contacts"
+        }
     )]
-    ObliqueSupport { contact: usize },
+    NoOwnNode {
+        contact: usize,
+        oblique: bool,
+        contacts: Vec<usize>,
+    },
     /// A matrix for which no multigrid preconditioner can be built.
     #[error(
         "the multigrid preconditioner cannot be built: {reason}. Use a direct factorisation of K"

@@ -478,6 +478,7 @@ class Primal:
         fixed: _Indices,
         num_threads: int | None,
         places: _Floats | None = None,
+        has_copies: bool = False,
     ) -> Primal: ...
     @property
     def bytes(self) -> tuple[int, int]:
@@ -506,8 +507,12 @@ class PrimalPath:
         tol: float,
         max_iterations: int | None,
         max_seconds: float | None,
+        again: bool = False,
     ) -> tuple[NewtonStep, _Floats]:
-        """One step, as `Path.step`, and the displacements at its end."""
+        """One step, as `Path.step`, and the displacements at its end.
+
+        ``again`` makes the last step once more, with other loads, from its solution.
+        """
 
 @final
 class ContactVariables:

@@ -32,7 +32,7 @@ impl<const D: usize> Frames<D> {
     /// the place of each degree of freedom, and its number among the prescribed ones.
     ///
     /// # Errors
-    /// [`Error::NotIterative`] if a contact has no node of its own; [`Error::ObliqueSupport`].
+    /// [`Error::NoOwnNode`].
     pub fn new(
         contact: &OwnedMatrix,
         elliptic: Option<&EllipticScaling>,

@@ -19,6 +19,8 @@ pub struct Start<'a, V, const D: usize> {
     pub state: Option<&'a State<D>>,
     /// The unknowns of that state, as a start value.
     pub y: V,
+    /// Whether these unknowns are near the solution, so that they have its statuses.
+    pub near: bool,
 }
 
 /// A load step, converged or not, with the work that it took.
@@ -74,6 +76,7 @@ pub fn advance<const D: usize, E: Engine<D>>(
     });
     let solved = Newton::new(engine, contacts, settings).run(Begin {
         y: start.y,
+        near: start.near,
         closed,
         force,
         offset: &offset,

@@ -97,6 +97,8 @@ enum Verdict {
 #[derive(Debug)]
 pub struct Begin<'a, V, const D: usize> {
     pub y: V,
+    /// Whether `y` has about the statuses of the solution.
+    pub near: bool,
     /// Closed contacts of the step before; `None` for the unloaded bodies.
     pub closed: Option<Vec<bool>>,
     pub force: &'a V,
@@ -157,7 +159,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         loop {
             let reduced = contacts_alone(contacts, &point.r, &point.v)?;
             let first = statuses.is_none();
-            let law = if first {
+            let law = if first && !begin.near {
                 let holds = self.first_closed(begin.closed.as_deref(), &point.v);
                 Linearisation::held(&reduced, |i| holds[i], &point.r, &point.v)
             } else {

@@ -26,7 +26,7 @@ impl Nodes {
         places: Option<&[[f64; 3]]>,
         contact: &OwnedMatrix,
     ) -> Result<Self, Error> {
-        let refused = |reason| Err(Error::NotIterative { reason });
+        let refused = |reason| Err(Error::NotIterative { reason, dof: None });
         if !n.is_multiple_of(D) {
             return refused("the number of degrees of freedom is not a multiple of the dimension");
         }

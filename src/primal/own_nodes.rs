@@ -70,7 +70,7 @@ impl<const D: usize> fmt::Debug for AboutNodes<'_, D> {
 /// Chooses the node of each contact, and gives the contacts with a node in the order of choice.
 ///
 /// # Errors
-/// [`Error::NotIterative`] if a contact has no node of its own; [`Error::ObliqueSupport`].
+/// [`Error::NoOwnNode`].
 pub(super) fn choose<const D: usize>(
     contacts: &[Columns<D>],
     nodes: &AboutNodes<'_, D>,
@@ -85,9 +85,7 @@ pub(super) fn choose<const D: usize>(
     left.retain(|&i| !contacts[i].is_empty());
     let mut body = None;
     while !left.is_empty() {
-        let mut refusal = Error::NotIterative {
-            reason: "each node of a contact has another contact too",
-        };
+        let mut oblique = None;
         let (mut chosen, mut candidates, mut later) = (Vec::new(), Vec::new(), Vec::new());
         for i in left {
             let own = contacts[i].iter().filter(|(node, _)| uses[*node] == 1);
@@ -99,7 +97,7 @@ pub(super) fn choose<const D: usize>(
             if frames.is_empty() {
                 later.push(i);
                 if alone {
-                    refusal = Error::ObliqueSupport { contact: i };
+                    oblique.get_or_insert(i);
                 }
             } else {
                 chosen.push(i);
@@ -107,7 +105,11 @@ pub(super) fn choose<const D: usize>(
             }
         }
         if chosen.is_empty() {
-            return Err(refusal);
+            return Err(Error::NoOwnNode {
+                contact: oblique.unwrap_or(later[0]),
+                oblique: oblique.is_some(),
+                contacts: later,
+            });
         }
         if candidates.iter().any(|frames| frames.len() > 1) {
             let body = body.get_or_insert_with(nodes.bodies);

@@ -15,6 +15,10 @@ use crate::solver::Settings;
 #[derive(Debug, Default)]
 pub struct PrimalPath<const D: usize> {
     state: Option<State<D>>,
+    /// The state before the last step that converged.
+    before: Option<State<D>>,
+    /// Whether the last step is made once more.
+    again: bool,
     /// Displacements after the last step, if they are known; empty else.
     displacement: Vec<f64>,
     hierarchy: Option<Following>,
@@ -42,8 +46,14 @@ impl<const D: usize> PrimalPath<D> {
         Self {
             state,
             displacement,
-            hierarchy: None,
+            ..Self::default()
         }
+    }
+
+    /// The next step is the last one once more, from its displacements.
+    pub fn retract(&mut self) {
+        self.state.clone_from(&self.before);
+        self.again = true;
     }
 
     /// Makes a step to the total loads; the state changes only if it converges. All steps of a
@@ -72,6 +82,7 @@ impl<const D: usize> PrimalPath<D> {
         let start = Start {
             state: self.state.as_ref(),
             y,
+            near: std::mem::take(&mut self.again),
         };
         let contacts = &problem.contacts;
         let loads = (&values, prescribed);
@@ -80,7 +91,7 @@ impl<const D: usize> PrimalPath<D> {
         self.hierarchy = hierarchy;
         let displacement = problem.displacement(&made.y, prescribed);
         if let Some(state) = made.state() {
-            self.state = Some(state);
+            self.before = self.state.replace(state);
             self.displacement.clone_from(&displacement);
         }
         Ok(PrimalStep {

@@ -106,14 +106,15 @@ pub struct Primal<const D: usize> {
 }
 
 impl<const D: usize> Primal<D> {
-    /// Checks the arrays and copies `K` into blocks.
+    /// Checks the arrays and copies `K` into blocks; `has_copies` is that of the check of supports.
     ///
     /// # Errors
     /// Wrong arguments, each naming the place; [`Error::Asymmetric`], [`Error::NotIterative`],
-    /// [`Error::ObliqueSupport`], [`Error::Interrupted`].
+    /// [`Error::NoOwnNode`], [`Error::Interrupted`].
     pub fn new<I: Index>(
         given: &ProblemArrays<D, I>,
         elliptic: Option<&EllipticScaling>,
+        has_copies: bool,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let n = given.stiffness.n();
@@ -148,7 +149,14 @@ impl<const D: usize> Primal<D> {
                     values: &motions_of_nodes(at, D),
                     bodies: &bodies,
                 };
-                supports::check::<D, I>(&given.stiffness, &contact, &nodes, motions, &position)?
+                supports::check::<D, I>(
+                    &given.stiffness,
+                    &contact,
+                    &nodes,
+                    motions,
+                    &position,
+                    has_copies,
+                )?
             }
         };
         let mut stiffness = Stiffness {
@@ -266,7 +274,7 @@ impl<const D: usize> Primal<D> {
     /// variables; `rotation` is about the variables of the caller.
     ///
     /// # Errors
-    /// [`Error::Shape`]; [`Error::ObliqueSupport`], in the new frames.
+    /// [`Error::Shape`]; [`Error::NoOwnNode`], in the new frames.
     pub fn rotated(
         &self,
         rotation: &Rotation<D>,
@@ -558,6 +566,7 @@ fn motions_of(
         Ok(()) => Ok(about.motions),
         Err(Error::Multigrid { .. }) => Err(Error::NotIterative {
             reason: "without coordinates, supports do not seem to hold each body: give coordinates",
+            dof: None,
         }),
         Err(other) => Err(other),
     }

@@ -70,7 +70,8 @@ impl LooseBodies {
 }
 
 /// Checks that nothing can move freely. `position` is the number of each prescribed degree of
-/// freedom.
+/// freedom. With copies of displacements, springs of the body are weaker than those of the
+/// copies, and nothing but that is new: this was checked without copies.
 ///
 /// # Errors
 /// [`Error::NotIterative`].
@@ -80,6 +81,7 @@ pub(super) fn check<const D: usize, I: Index>(
     nodes: &Nodes,
     motions: Motions<'_>,
     position: &[Option<usize>],
+    has_copies: bool,
 ) -> Result<Supports, Error> {
     let m = motions.values.len() / (D * nodes.count).max(1);
     let of = |dof: usize| &motions.values[nodes.place[dof] as usize * m..][..m];
@@ -127,21 +129,24 @@ pub(super) fn check<const D: usize, I: Index>(
         })
         .collect();
     for (dof, forces) in springs {
-        if forces.iter().all(|force| force.abs() < spring_force()) {
+        if !has_copies && forces.iter().all(|force| force.abs() < spring_force()) {
             return Err(Error::NotIterative {
                 reason: "the stiffness has few digits, or weak springs, and supports do not hold \
                          a body",
+                dof: Some(dof),
             });
         }
         holding[body(dof)].hold(&forces);
     }
     loose.retain(|&body| !holding[body].is_held());
-    if loose.is_empty() {
+    let Some(&first) = loose.first() else {
         return Ok(held);
-    }
+    };
+    let dof = (0..position.len()).find(|&dof| body(dof) == first);
     if loose.len() > MOST_LOOSE {
         return Err(Error::NotIterative {
             reason: "contact alone holds too many bodies",
+            dof,
         });
     }
     let of_loose = loose.iter().map(|&body| holding[body].clone());
@@ -157,6 +162,7 @@ pub(super) fn check<const D: usize, I: Index>(
     } else {
         Err(Error::NotIterative {
             reason: "supports and contacts may leave a body free to move",
+            dof,
         })
     }
 }

@@ -205,6 +205,7 @@ where
         let start = Start {
             state: self.state.as_ref(),
             y: objects.start,
+            near: false,
         };
         let force = (objects.force, prescribed);
         let made = advance(&mut engine, contacts, start, force, settings)?;

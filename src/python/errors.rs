@@ -66,8 +66,8 @@ impl From<Error> for PyErr {
                 ContradictoryContact { node, penetration },
             ],
             |py, text| ours(py, "NotIterativeError", text) => [
-                NotIterative { reason },
-                ObliqueSupport { contact },
+                NotIterative { reason, dof },
+                NoOwnNode { contact, oblique, contacts },
             ],
             |_, text| PyMemoryError::new_err::<String>(text) => [
                 Memory { what, bytes, available },

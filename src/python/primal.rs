@@ -53,6 +53,7 @@ struct Arguments<'a> {
     elliptic: Option<EllipticScaling>,
     fixed: Vec<usize>,
     places: Option<&'a [[f64; 3]]>,
+    has_copies: bool,
 }
 
 impl Arguments<'_> {
@@ -92,7 +93,7 @@ impl Arguments<'_> {
             known: None,
             budget: Budget::default(),
         };
-        Primal::new(&given, self.elliptic.as_ref(), stop)
+        Primal::new(&given, self.elliptic.as_ref(), self.has_copies, stop)
     }
 }
 
@@ -115,7 +116,7 @@ impl<const D: usize> PrimalArrays<D> {
         let elliptic = self.elliptic.as_ref();
         let made = interrupt::run(py, self.num_threads, |_| {
             match self.problem.rotated(&rotation, elliptic) {
-                Err(Error::NotIterative { .. } | Error::ObliqueSupport { .. }) => Ok(None),
+                Err(Error::NoOwnNode { .. }) => Ok(None),
                 made => made.map(Some),
             }
         })?;
@@ -128,9 +129,9 @@ impl<const D: usize> PrimalArrays<D> {
 
 #[pymethods]
 impl PyPrimal {
-    /// The arguments of `Condensed`.
+    /// The arguments of `Condensed`, and whether nodes are copies on springs.
     #[new]
-    #[pyo3(signature = (stiffness, contact, gap, law, fixed, num_threads, places=None))]
+    #[pyo3(signature = (stiffness, contact, gap, law, fixed, num_threads, places=None, has_copies=false))]
     #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new<'py>(
         py: Python<'py>,
@@ -141,6 +142,7 @@ impl PyPrimal {
         fixed: Indices<'py>,
         num_threads: Option<usize>,
         places: Option<Matrix<'py>>,
+        has_copies: bool,
     ) -> PyResult<Self> {
         let (law, elliptic) = law.read(gap.as_array().ncols())?;
         let asked = Arguments {
@@ -157,6 +159,7 @@ impl PyPrimal {
             law,
             elliptic,
             places: places.as_ref().map(arrays::rows::<3>).transpose()?,
+            has_copies,
         };
         let kind = map_either!(Dimension::of(gap.as_array().ncols()), () => {
             asked.make(py, &gap, num_threads)?
@@ -263,7 +266,9 @@ impl PyPrimalPath {
 
     /// A step to the total loads, with the gaps of the problem unless others are given. The
     /// state changes only if the step converges.
-    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds))]
+    ///
+    /// `again` makes the last step once more, with other loads, from its solution.
+    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds, again=false))]
     #[expect(
         clippy::too_many_arguments,
         reason = "the settings of one call from Python"
@@ -278,9 +283,15 @@ impl PyPrimalPath {
         tol: f64,
         max_iterations: Option<usize>,
         max_seconds: Option<f64>,
+        again: bool,
     ) -> PyResult<Solved<'py>> {
         let settings = settings(method, tol, max_iterations, max_seconds)?;
         let loads = (load.as_slice()?, prescribed.as_slice()?);
-        for_either!(&mut self.progress, path => path.step(py, loads, gap.as_ref(), &settings))
+        for_either!(&mut self.progress, path => {
+            if again {
+                path.path.retract();
+            }
+            path.step(py, loads, gap.as_ref(), &settings)
+        })
     }
 }

@@ -196,7 +196,7 @@ impl Blocks {
     fn primal(&self) -> Vec<PrimalStep<3>> {
         let never = AtomicBool::new(false);
         let problem = self
-            .arrays(|arrays| Primal::new(&arrays, None, &AtomicBool::new(false)))
+            .arrays(|arrays| Primal::new(&arrays, None, false, &AtomicBool::new(false)))
             .unwrap();
         let mut path = PrimalPath::default();
         let mut advance = |(load, prescribed): (Vec<f64>, Vec<f64>)| {
@@ -263,7 +263,7 @@ fn a_row_out_of_balance_is_no_solution() {
     let blocks = Blocks::new(4, 4, 1.0, 0.3, false);
     let never = AtomicBool::new(false);
     let problem = blocks
-        .arrays(|arrays| Primal::new(&arrays, None, &never))
+        .arrays(|arrays| Primal::new(&arrays, None, false, &never))
         .unwrap();
     let [(load, prescribed), _] = blocks.steps();
     let [first, _] = blocks.primal().try_into().unwrap();
@@ -403,7 +403,7 @@ fn a_contact_needs_a_node_of_its_own() {
     }
     blocks.gap.push([0.0; 3]);
     let refused = blocks
-        .arrays(|arrays| Primal::new(&arrays, None, &AtomicBool::new(false)))
+        .arrays(|arrays| Primal::new(&arrays, None, false, &AtomicBool::new(false)))
         .unwrap_err();
     assert!(matches!(refused, Error::NotIterative { .. }), "{refused}");
 }
@@ -454,7 +454,7 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
     ] {
         let never = AtomicBool::new(false);
         let problem = blocks
-            .arrays(|arrays| Primal::new(&arrays, None, &never))
+            .arrays(|arrays| Primal::new(&arrays, None, false, &never))
             .unwrap();
         let statuses = blocks.primal().pop().unwrap().step.solution.status;
         let mixed: Vec<Status> = statuses

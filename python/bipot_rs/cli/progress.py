@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -11,6 +12,10 @@ from bipot_rs._lib.messages import duration
 
 if TYPE_CHECKING:
     from bipot_rs._lib.types import Record
+
+
+# Seconds without a line after which one says what is going on.
+SILENCE = 10.0
 
 
 def drop_rounding(load: float, largest: float) -> float:
@@ -91,6 +96,9 @@ class Progress:
         # The last cycle of wear so far.
         self.done = 0
         self.lines = not quiet and not sys.stderr.isatty()
+        # The phase and when it began, the last line, and what ends the lines about a phase.
+        self.current, self.began, self.told = "", 0.0, 0.0
+        self.ended = Event()
 
     def __enter__(self) -> Progress:
         if sys.stderr.isatty():
@@ -139,11 +147,17 @@ class Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.ended.set()
         if self.bar is not None:
             self.bar.stop()
 
     def phase(self, name: str) -> None:
-        """Show the phase that begins."""
+        """Show the phase that begins; without a terminal a line every ten seconds."""
+        if self.lines and name != self.current:
+            if not self.current:
+                Thread(target=self._break_silence, daemon=True).start()
+            self.current, self.began = name, monotonic()
+            self.forecast_from = None
         if self.bar is not None and self.bar.tasks[0].description != name:
             before = self.bar.tasks[0].description
             self.forecast_from = None
@@ -151,6 +165,20 @@ class Progress:
             if name == "solve":
                 # The clock of the steps starts with this phase.
                 self.bar.reset(1, completed=self.bar.tasks[1].completed, visible=True)
+
+    def _break_silence(self) -> None:
+        """Print lines while nothing else is printed, until the end."""
+        while not self.ended.wait(SILENCE / 10):
+            now = monotonic()
+            if now - max(self.told, self.began) < SILENCE:
+                continue
+            self.told = now
+            left = self._forecast_end(0)
+            spent = f"{self.current}: {duration(now - self.began)} so far"
+            try:
+                tell(f"{spent}{', ' if left else ''}{left}", sys.stderr)
+            except OutputLost:
+                return  # the next line of the main thread says so
 
     def forecast(self, seconds: float) -> None:
         """Show how much of the current phase is done, by a forecast of its time [s]."""
@@ -193,6 +221,7 @@ class Progress:
         if self.bar is not None:
             self.bar.update(1, advance=by, text=short)
         if self.lines:
+            self.told = monotonic()
             tell(line, sys.stderr)
 
     def block(self, text: str) -> None:
@@ -200,4 +229,5 @@ class Progress:
         if self.bar is not None:
             self.bar.console.print(text, highlight=False, soft_wrap=True, markup=False)
         elif self.lines:
+            self.told = monotonic()
             tell(text, sys.stderr)

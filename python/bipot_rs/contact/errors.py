@@ -6,6 +6,7 @@ Errors of the core, of any class, have a ``kind`` (the name of a variant of `src
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -100,16 +101,25 @@ class NotIterativeError(ValueError):
     """``engine="iterative"`` was asked for a problem that it cannot solve."""
 
     reason: str = ""  # why, as part of a sentence
-    # The contact that a support holds along a direction that is neither its normal nor a
-    # tangent; `None` for another reason.
+    # The first contact without a node of its own, and all of them; `None` for another reason.
     contact: int | None = None
+    contacts: Sequence[int] = ()
+    dof: int | None = None  # of the body that the reason is about
+    # Whether a support holds it along a direction that is neither its normal nor a tangent.
+    oblique: bool = False
 
 
-def describe_oblique(support: str, contact: int, where: str) -> str:
-    """Reason of a `NotIterativeError`; ``where`` is ``" at (0, 0, 5)"``, or empty."""
+def describe_contact(
+    error: NotIterativeError, where: str, support: str = "a support"
+) -> str:
+    """Reason of an error at a contact; ``where`` is ``" at (0, 0, 5)"``, or empty."""
+    if error.oblique:
+        return (
+            f"{support} holds contact {error.contact}{where} along a direction that is "
+            "neither its normal nor a tangent"
+        )
     return (
-        f"{support} holds contact {contact}{where} along a direction that is neither its "
-        "normal nor a tangent"
+        f"contact {error.contact}{where} shares each of its nodes with other contacts"
     )
 
 

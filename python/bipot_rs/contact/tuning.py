@@ -29,13 +29,20 @@ STEP_FLOPS = 2e5
 # although a factor would fit.
 FACTOR_BYTES, FACTOR_GROWTH = 29e9, 1.34
 
-# --- Degrees of freedom without stiffness (path/loose.py): tests/python/contact/path.
+# --- Degrees of freedom without stiffness and copies (path/springs.py): tests/python/contact/path.
 
 # Spring, relative to the largest entry of K. A hundredth of it: statuses of slipping contacts do
 # not settle; ten times as much: twice the iterations.
 LOOSE_SPRING = 1e-2
 # Iterations; six are usual. It ends paths that do not settle, and changes nothing else.
-LOOSE_ITERATIONS = 60
+SPRING_ITERATIONS = 60
+# Spring of a copied displacement, relative to the diagonal of K there. A third and three times
+# as much: more multipliers, or more Krylov iterations for each of them; about as many in all.
+COPY_SPRING = 30.0
+# Multipliers after which each has to halve the change; eight are usual.
+COPY_PATIENCE = 8
+# Largest condition of the rows of a contact by which a displacement is copied.
+MOST_OBLIQUE = 1e6
 
 # --- Adaptive load steps (path/step_control.py): the scenes with automatic steps.
 

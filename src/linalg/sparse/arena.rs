@@ -189,6 +189,8 @@ impl Detached {
     /// The numbers; `memory` is that of the arena.
     pub(crate) fn within<'s>(&'s self, memory: &'s [f64]) -> &'s [f64] {
         match self {
+            // `memory` may end before the place of no numbers.
+            Self::Part(range) if range.is_empty() => &[],
             Self::Part(range) => &memory[range.clone()],
             Self::Apart(values) => values,
         }

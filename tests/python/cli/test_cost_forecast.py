@@ -191,3 +191,27 @@ def test_a_terminal_shows_that_a_long_phase_is_running(
         progress.phase("solve")
         progress.bar.refresh()
         assert "expected" not in screen.getvalue().rpartition("solve")[2]
+
+
+def test_lines_break_the_silence_without_a_terminal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A line after each interval with nothing else, with the share of the forecast."""
+    screen, clock = io.StringIO(), [100.0]
+    monkeypatch.setattr(telling, "monotonic", lambda: clock[0])
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setattr(telling, "SILENCE", 0.05)
+    with telling.Progress(6, 2, quiet=False) as progress:
+        progress.phase("condense")
+        progress.forecast(40.0)
+        clock[0] += 10.0
+        limit = time.monotonic() + 10
+        while not screen.getvalue() and time.monotonic() < limit:
+            time.sleep(0.01)
+        assert screen.getvalue() == (
+            "condense: about 10 s so far, 25 %, about 30 s left\n"
+        )
+        # A step is a line: the clock has not moved since.
+        progress.advance("", "load step 1 of 2")
+        time.sleep(0.1)
+        assert screen.getvalue().splitlines()[1:] == ["load step 1 of 2"]

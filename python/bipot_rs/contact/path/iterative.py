@@ -12,17 +12,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats, Record
-from bipot_rs._lib.validation import Settings
+from bipot_rs._lib.types import Floats, Ints, Record
+from bipot_rs._lib.validation import Parts, Settings, csr
+from bipot_rs.contact.errors import NotIterativeError
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
-from bipot_rs.contact.path.loose import Loose
+from bipot_rs.contact.path.springs import Springs, turn_tangents
 from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.error_bound import ErrorBound, make_unavailable
-from bipot_rs.contact.results.solution import Computed, Recovery, Solution, Step
+from bipot_rs.contact.results.solution import Recovery, Solution, Step
 
 
 @dataclass
@@ -45,17 +46,20 @@ class Iterative:
     direct
         Makes the direct engine, for a step that this one cannot solve; it raises
         `MemoryError` if the factor does not fit.
-    loose
-        Degrees of freedom without stiffness, to which ``core`` has springs.
+    springs
+        Springs that ``core`` has beside K.
+    turn : (n_c, 3, 3) or None
+        Rotations from the frames of the caller to those of ``core``.
     """
 
     core: _core.Primal
     direct: Callable[[], Engine]
     shape: tuple[int, int]
+    springs: Springs
     gap: Floats | None = None
     law: ContactLaw | None = None
     record: IterationRecord = field(default_factory=IterationRecord)
-    loose: Loose = field(default_factory=lambda: Loose(np.zeros(0, np.int64), 0.0))
+    turn: Floats | None = None
     rotation: Floats | None = None
     name = "iterative"
 
@@ -87,14 +91,15 @@ class Iterative:
     def with_rotation(self, rotation: Floats) -> Engine:
         """The same problem in other frames, Q by rows.
 
-        It is the direct engine if, in the new frames, a support holds a contact along a
-        direction that is neither its normal nor a tangent.
+        It is the direct engine if tangents follow supports, or a contact has no node of its
+        own in the new frames.
         """
-        core = self.core.rotated(rotation)
+        changed = self.turn is not None or self.springs.contacts.size > 0
+        core = None if changed else self.core.rotated(rotation)
         if core is None:
             direct = self.replacement(
-                "in the frames of a step, a support holds a contact along a direction that is "
-                "neither its normal nor a tangent"
+                "frames change at contacts whose supports are neither along the normal nor a "
+                "tangent, or which share nodes"
             )
             return direct.with_rotation(rotation)
         return replace(self, core=core, rotation=rotation)
@@ -107,8 +112,18 @@ class Iterative:
         """The path of the core that starts from a step."""
         if at is None:
             return _core.PrimalPath(self.core)
-        state = at.reaction, at.relative_displacement, at.status
-        return _core.PrimalPath(self.core, state, at.computed.displacement)
+        u = at.computed.displacement
+        if u is not None and self.springs.contacts.size:
+            u = self.springs.spread(u)
+        r, v = self.turned(at.reaction), self.turned(at.relative_displacement)
+        return _core.PrimalPath(self.core, (r, v, at.status), u)
+
+    def turned(self, values: Floats) -> Floats:
+        """Values at the contacts in the frames of the core."""
+        if self.turn is None:
+            return values
+        turned: Floats = np.einsum("ckl,cl->ck", self.turn, values)
+        return turned
 
     def recovery(
         self, seconds: dict[str, float], contacts: Contacts
@@ -126,6 +141,51 @@ class Iterative:
         self.record.replaced = why or self.record.replaced
         made = made if self.law is None else made.with_law(self.law)
         return made if self.rotation is None else made.with_rotation(self.rotation)
+
+
+def make_iterative(
+    parts: Parts,
+    contacts: Contacts,
+    fixed: Ints,
+    coordinates: Floats | None,
+    num_threads: int | None,
+    direct: Callable[[], Engine],
+) -> Iterative:
+    """The engine of a problem with this K.
+
+    Raises
+    ------
+    NotIterativeError, ValueError
+        It cannot solve the problem, or an array is wrong.
+    """
+    springs = Springs.find(parts, fixed, contacts.d, num_threads)
+    operator, gap, turn = contacts.operator.parts, contacts.gap_by_component, None
+    matrix, law = contacts.operator.matrix, contacts.law
+    turned = None
+    if contacts.d == 3 and law.mu.ndim == 1 and len(fixed):
+        turned = turn_tangents(matrix, contacts.count, fixed)
+    if turned is not None:
+        turn, matrix = turned
+        operator = csr("B", matrix).parts
+        gap = np.einsum("ckl,cl->ck", turn, gap)
+    data = gap, law, fixed, num_threads
+    try:
+        core = _core.Primal(springs.add_to(parts), operator, *data, coordinates)
+    except NotIterativeError as error:
+        if not error.contacts:
+            raise
+        copied, changed = springs.with_copies(
+            parts, matrix, error.contacts, fixed, coordinates
+        )
+        if not copied.contacts.size:
+            raise
+        springs = copied
+        data = gap, law, springs.place[fixed], num_threads
+        at = springs.place_coordinates(coordinates)
+        core = _core.Primal(
+            springs.add_to(parts), csr("B", changed).parts, *data, at, True
+        )
+    return Iterative(core, direct, contacts.shape, springs, turn=turn)
 
 
 class IterativePath:
@@ -155,10 +215,22 @@ class IterativePath:
         if self._other is not None:
             return self._other.step(load, prescribed, gap, settings)
         asked = load, prescribed, gap, settings
-        loose = self._iterative.loose.dofs.size
+        springs = self._iterative.springs.stiffness.size
+        if springs or self._iterative.turn is not None:
+            # The core has another state than the step: a path that continues has the same bits.
+            self._core = self._iterative.from_step(self._last)
         step, reason = (
-            self._solve_with_springs(*asked) if loose else self._solve_in_core(*asked)
+            self._solve_with_springs(*asked) if springs else self._solve_in_core(*asked)
         )
+        if (turn := self._iterative.turn) is not None:
+            step = replace(
+                step,
+                reaction=np.einsum("ckl,ck->cl", turn, step.reaction),
+                relative_displacement=np.einsum(
+                    "ckl,ck->cl", turn, step.relative_displacement
+                ),
+                slip=np.einsum("ckl,ck->cl", turn[:, 1:, 1:], step.slip),
+            )
         if step.outcome is Outcome.STALLED:
             try:
                 direct = self._iterative.replacement(reason)
@@ -168,8 +240,7 @@ class IterativePath:
             step = other.step(*asked)
             self._other, self.engine = other, direct
         elif step.converged:
-            computed = step.computed if loose else Computed()
-            self._last = replace(step, computed=computed)
+            self._last = step
         return step
 
     def _solve_in_core(
@@ -178,9 +249,12 @@ class IterativePath:
         prescribed: Floats,
         gap: Floats | None,
         settings: Settings,
+        again: bool = False,
     ) -> tuple[Step, str]:
         """One step of the core, and why it stalled if it did."""
-        core, displacement = self._core.step(load, prescribed, gap, *settings)
+        if gap is not None:
+            gap = self._iterative.turned(gap)
+        core, displacement = self._core.step(load, prescribed, gap, *settings, again)
         record = self._iterative.record
         record.newton += core.newton
         record.krylov += core.krylov
@@ -194,16 +268,15 @@ class IterativePath:
         gap: Floats | None,
         settings: Settings,
     ) -> tuple[Step, str]:
-        """A step with degrees of freedom without stiffness, from the last state each time."""
-        loose, last = self._iterative.loose, self._last
+        """A step with springs, from the last state each time."""
+        engine, last = self._iterative, self._last
+
+        def step(stretched: Floats, again: bool) -> tuple[Step, str]:
+            return self._solve_in_core(stretched, prescribed, gap, settings, again)
+
+        reaction = None if last is None else engine.turned(last.reaction)
         u = None if last is None else last.computed.displacement
-        at = np.zeros(len(loose.dofs)) if u is None else u[loose.dofs]
-
-        def step(stretched: Floats) -> tuple[Step, str]:
-            self._core = self._iterative.from_step(last)
-            return self._solve_in_core(stretched, prescribed, gap, settings)
-
-        return loose.solve(step, load, at, settings.tol)
+        return engine.springs.solve(step, load, reaction, u, settings.tol)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +292,10 @@ class IterativeRecovery:
         return True
 
     def primal(self) -> _core.Primal | None:
-        """The bodies, for derivatives; None if the core has springs of its own."""
-        return None if self.engine.loose.dofs.size else self.engine.core
+        """The bodies, for derivatives; None if the core has springs or frames of its own."""
+        engine = self.engine
+        changed = engine.springs.stiffness.size or engine.turn is not None
+        return None if changed else engine.core
 
     def condensed(self) -> _core.Condensed:
         """The bodies as the direct engine condenses them, if derivatives stall."""

@@ -30,7 +30,7 @@ from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import (
     FloatingBodyError,
     NotIterativeError,
-    describe_oblique,
+    describe_contact,
     with_message,
     with_reason,
 )
@@ -560,10 +560,11 @@ class PreparedStiffness:
     def _describe_refusal(self, error: NotIterativeError) -> str:
         """Why the iterative engine cannot solve, with the place of the contact if it is known."""
         if error.contact is None:
-            return error.reason
+            where = "" if error.dof is None else self._describe_place(error.dof)
+            return f"{where}: {error.reason}" if where else error.reason
         x = self._contacts.x
         where = "" if x is None else f" at {place(x[error.contact])}"
-        return describe_oblique("a support", error.contact, where)
+        return describe_contact(error, where)
 
     def _make_iterative(self, parts: Parts) -> Iterative | None:
         """The iterative engine, if it is wanted and can solve the problem."""
@@ -572,13 +573,18 @@ class PreparedStiffness:
         if why:
             self._choice = "direct", why
             return None
-        from bipot_rs.contact.path.iterative import Iterative
-        from bipot_rs.contact.path.loose import Loose
+        from bipot_rs.contact.path.iterative import make_iterative
 
         started = time.perf_counter()
-        loose = Loose.find(parts, options.fixed, options.num_threads)
         try:
-            core = _core.Primal(loose.add_springs(parts), *self._arguments())
+            iterative = make_iterative(
+                parts,
+                self._contacts,
+                options.fixed,
+                options.coordinates,
+                options.num_threads,
+                self.make_direct,
+            )
         except NotIterativeError as error:
             reason = self._describe_refusal(error)
             if options.engine == "iterative":
@@ -590,7 +596,7 @@ class PreparedStiffness:
             raise with_message(error, f"{error}{cause}") from None
         self.seconds = time.perf_counter() - started
         self._choice = "auto", "the load path decides"
-        return Iterative(core, self.make_direct, self._contacts.shape, loose=loose)
+        return iterative
 
     def _find_reason_for_direct(self) -> str:
         """Why the direct engine solves in any case; empty if that is not decided."""
@@ -605,8 +611,6 @@ class PreparedStiffness:
             return f"{options.free} free degrees of freedom are few"
         if self._loads is not None or options.working_set is not None:
             return "loads or working_set is given"
-        if options.digits is not None:
-            return "stiffness_rtol is given"
         return ""
 
     def _tell_iterative(self) -> None:

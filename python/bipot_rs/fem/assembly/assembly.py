@@ -22,7 +22,7 @@ from bipot_rs._lib.types import AnyArray, CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.errors import (
     NotIterativeError,
-    describe_oblique,
+    describe_contact,
     with_message,
     with_reason,
 )
@@ -433,11 +433,12 @@ class Assembly:
 
         if isinstance(error, NotIterativeError):
             contact = error.contact
-            support = None if contact is None else self._find_support(contact)
-            if contact is None or support is None:
+            if contact is None:
                 return error
-            where = f" at {place(self.points[contact])}"
-            return with_reason(error, describe_oblique(support, contact, where))
+            of = self.contacts[int(self.group[contact])]
+            where = f" of '{of.body}.{of.surface}' at {place(self.points[contact])}"
+            support = self._find_support(contact) or "a support"
+            return with_reason(error, describe_contact(error, where, support))
         dof = getattr(error, "dof", None)
         if getattr(error, "kind", "") != "few_digits" or dof is None:
             return error
