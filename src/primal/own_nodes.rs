@@ -97,7 +97,7 @@ pub(super) fn choose<const D: usize>(
             if frames.is_empty() {
                 later.push(i);
                 if alone {
-                    oblique.get_or_insert(i);
+                    oblique = oblique.or(Some(i));
                 }
             } else {
                 chosen.push(i);

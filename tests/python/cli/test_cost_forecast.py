@@ -215,3 +215,18 @@ def test_lines_break_the_silence_without_a_terminal(
         progress.advance("", "load step 1 of 2")
         time.sleep(0.1)
         assert screen.getvalue().splitlines()[1:] == ["load step 1 of 2"]
+
+
+def test_a_nearly_incompressible_body_is_named_before_it_stalls() -> None:
+    """Only if the iterative engine would solve, and only above the ratio."""
+    for poisson, engine, named in (
+        (0.4995, "iterative", True),
+        (0.4995, "direct", False),
+        (0.49, "iterative", False),
+    ):
+        ratio = f"material.steel.poisson={poisson}"
+        asked = read("sheared_cube", ["mesh.n=3", ratio])
+        model = assemble(asked, bodies(asked)).model
+        said = cost_forecast.describe_stalling({"engine": engine}, model)
+        assert bool(said) == named
+        assert all("Use engine = " in line for line in said)

@@ -28,7 +28,7 @@ def test_a_support_oblique_to_a_contact_is_taken_and_named() -> None:
     assert model.problem(engine="iterative").stats["engine"] == "iterative"
     refused = NotIterativeError("")
     refused.contact, refused.oblique = 2, True
-    named = model._name_cause(refused)
+    named = model.name_cause(refused)
     x = ", ".join(f"{c:g}" for c in model.points[2])
     assert getattr(named, "reason", "") == (
         f"support 'lower.bottom' holds contact 2 of 'lower.bottom' at ({x}) along a direction "
@@ -45,7 +45,7 @@ def test_an_undecided_motion_names_body_axis_and_slender_cell() -> None:
         problem(model, False)
     assert refused.value.kind == "few_digits"  # type: ignore[attr-defined]
     assert "Give `coordinates`" in str(refused.value)
-    named = str(model._name_cause(refused.value))
+    named = str(model.name_cause(refused.value))
     # Cells of 6.25 by 0.1, all equal.
     assert re.match(
         r"body 'strip': K has too few .* its soft motion along [xy] at \(", named

@@ -86,7 +86,8 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         each = cost_forecast.rank_bytes(model, ranks)
         forecast = {"engine": "petsc", "ranks": ranks, "bytes_rank": each}
     elif counts:
-        cost = cost_forecast.cost(counts)
+        cost = cost_forecast.cost(counts, model, steps)
+        remarks += cost_forecast.describe_stalling(counts, model)
         seconds = cost_forecast.seconds(counts, cost_forecast.cores())
         forecast = counts | {"seconds": seconds}
     return {

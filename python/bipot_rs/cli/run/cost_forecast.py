@@ -8,8 +8,11 @@ from contextlib import suppress
 from math import prod
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import count_noun, duration, size
+from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.elasticity import find_neighbours
@@ -39,6 +42,12 @@ _SAMPLE = 1000
 # Rate of the condensation for the forecast [flop/s per core]. benches/README.md has twice
 # as much on a server core; small bodies and old machines have less.
 RATE = 2e10
+# Dense factors, of all contacts, that a load step of the direct engine is worth: of the closed
+# ones it makes more. Half and twice: forecasts of scenes with many contacts are off by as much.
+FACTORS_OF_STEP = 20
+# Poisson's ratio from which multigrid stalls if a whole body has it. Less: bodies that take
+# twice as many iterations are named too.
+STALLING_POISSON = 0.499
 
 
 class _Counted(Exception):
@@ -116,8 +125,28 @@ def sizes(model: Assembly, steps: int) -> list[str]:
     ]
 
 
-def cost(counts: Record) -> list[str]:
-    """Lines with memory and time of the condensation, from the counts of the analysis."""
+def describe_stalling(counts: Record, model: Assembly) -> list[str]:
+    """Sentences on bodies with which the iterative engine will probably stall."""
+    if counts.get("engine") != "iterative":
+        return []
+    least = STALLING_POISSON
+    names = [
+        repr(body.name)
+        for body in model.bodies
+        if min(np.min(getattr(m, "poisson", 0.0)) for m in body.materials) >= least
+    ]
+    free = model.n - len(model.fixed)
+    factor = size(forecast_bytes(free, len(model.gap)))
+    sentence = (
+        f"body {', '.join(names)}: with Poisson's ratio {least:g} or more the iterative engine "
+        "will probably stall; the direct engine then solves from the start if its factor fits, "
+        f'about {factor}. Use engine = "direct" at once, or a ratio up to 0.49'
+    )
+    return [sentence] if names else []
+
+
+def cost(counts: Record, model: Assembly, steps: int) -> list[str]:
+    """Lines with memory and time of a path, from the counts of the analysis."""
     free = available()
     of = "" if free is None else f", {size(free)} are free"
     threads = cores()
@@ -134,11 +163,14 @@ def cost(counts: Record) -> list[str]:
     entries = f"{counts['nnz_factor']:.3g} entries"
     rate = f"{RATE / 1e9:g} Gflop/s on {'' if threads == 1 else 'each of '}"
     time = duration(seconds(counts, threads))
-    rate += f"{count_noun(threads, 'core')}; load steps not included"
+    rate += count_noun(threads, "core")
+    of_steps = 2 / 3 * steps * FACTORS_OF_STEP * float(model.dim * len(model.gap)) ** 3
+    seconds_of_steps = duration(of_steps / (RATE * threads))
+    rest = f"; {seconds_of_steps} for {count_noun(steps, 'load step')}"
     return [
         *engine,
         f"  memory    at most {most}{of}; factor of K {factor}, {entries}",
-        f"  time      {time} to condense, {work(counts) / 1e9:.3g} Gflop at {rate}",
+        f"  time      {time} to condense, {work(counts) / 1e9:.3g} Gflop at {rate}{rest}",
     ]
 
 

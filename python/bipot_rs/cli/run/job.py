@@ -363,7 +363,9 @@ class Job(SharedRunner):
             return self.distributed
 
         def on_forecast(counts: Mapping[str, object]) -> None:
-            self._announce(case, cost_forecast.cost(counts))
+            lines = cost_forecast.cost(counts, case.model, len(case.parameter))
+            stalling = cost_forecast.describe_stalling(counts, case.model)
+            self._announce(case, [*lines, *cost_forecast.list_remarks(stalling)])
             seconds = cost_forecast.seconds(counts, cost_forecast.cores())
             self.progress.forecast(seconds)
 

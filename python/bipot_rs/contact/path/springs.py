@@ -101,9 +101,8 @@ class Springs:
         from scipy.sparse import csr_array, vstack
 
         n, d = len(self.place), self.blocks.shape[1]
-        place, body = _number_by_nodes(n, d, coordinates), _find_bodies(parts, d)
-        if coordinates is not None:
-            body = _find_bodies(parts, d, place)
+        place = _number_by_nodes(n, d, coordinates)
+        body = _find_bodies(parts, d, place)
         diagonal, free = np.empty(n), np.ones(n, bool)
         diagonal[place], free[place[fixed]] = _core.diagonal(parts, None), False
         compliance = np.where(free, 1.0 / np.where(diagonal > 0, diagonal, np.inf), 0.0)
@@ -111,7 +110,7 @@ class Springs:
         B = csr_array(operator, copy=True)
         B.eliminate_zeros()
         made: list[int] = []
-        blocks, entries, keys, stiffness = [], [], [], []
+        blocks, entries, of_contacts, keys, stiffness = [], [], [], [], []
         for i in contacts:
             side = _choose_side(B, i, d, place, body, soft)
             if side is None:
@@ -122,14 +121,14 @@ class Springs:
                 keys.append(i * n + node)
                 entries += [(first - n + k, d * node + k, -weight) for k in range(d)]
             entries += [(first - n + k, first + k, 1.0) for k in range(d)]
+            of_contacts += [
+                (d * i + k, first + m, S[k, m]) for k, m in np.ndindex(d, d)
+            ]
             stiffness += list(tuning.COPY_SPRING / w)
             made.append(i)
             blocks.append(S)
         size = n + d * len(made)
-        row, column, value = np.array(entries).reshape(-1, 3).T
-        of_copies = csr_array(
-            (value, (row.astype(int), column.astype(int))), shape=(d * len(made), size)
-        )
+        of_copies = _assemble(entries, (d * len(made), size))
         loose = self.rows.tocoo()
         of_loose = csr_array(
             (loose.data, (loose.row, place[loose.col])), shape=(loose.shape[0], size)
@@ -146,16 +145,9 @@ class Springs:
         old = B.tocoo()
         column = place[old.col]
         kept = ~np.isin(old.row // d * n + column // d, keys)
-        at = d * np.arange(len(made))[:, None, None]
-        component = np.arange(d)
-        shape = len(made), d, d
-        rows_of = d * springs.contacts[:, None, None] + component[:, None]
-        row = np.concatenate([old.row[kept], np.broadcast_to(rows_of, shape).ravel()])
-        column = np.concatenate(
-            [column[kept], np.broadcast_to(n + at + component, shape).ravel()]
-        )
-        value = np.concatenate([old.data[kept], springs.blocks.ravel()])
-        changed = csr_array((value, (row, column)), shape=(B.shape[0], size))
+        old = old.data[kept], (old.row[kept], column[kept])
+        shape = B.shape[0], size
+        changed = csr_array(csr_array(old, shape=shape) + _assemble(of_contacts, shape))
         changed.eliminate_zeros()
         return springs, changed
 
@@ -331,14 +323,25 @@ def _number_by_nodes(n: int, d: int, coordinates: Floats | None) -> Ints:
     return d * (dof % (n // d)) + dof // (n // d)
 
 
-def _find_bodies(parts: Parts, d: int, place: Ints | None = None) -> Ints:
+def _assemble(
+    entries: list[tuple[int, int, float]], shape: tuple[int, int]
+) -> CsrMatrix:
+    """A matrix of entries (row, column, value)."""
+    from scipy.sparse import csr_array
+
+    row, column, value = np.array(entries).reshape(-1, 3).T
+    made: CsrMatrix = csr_array((value, (row.astype(int), column.astype(int))), shape)
+    return made
+
+
+def _find_bodies(parts: Parts, d: int, place: Ints) -> Ints:
     """The body of each node: nodes that K joins."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
     n = len(parts[0]) - 1
     count, of_dof = connected_components(csr_array(parts[::-1], shape=(n, n)), False)
-    node = (np.arange(n) if place is None else place) // d
+    node = place // d
     first = np.empty(n // d, np.int64)
     first[node] = of_dof
     joined = csr_array((np.ones(n), (of_dof, first[node])), shape=(count, count))

@@ -423,9 +423,9 @@ class Assembly:
                 bodies=first_dofs,
             )
         except ValueError as error:
-            raise self._name_cause(error) from None
+            raise self.name_cause(error) from None
 
-    def _name_cause(self, error: ValueError) -> ValueError:
+    def name_cause(self, error: ValueError) -> ValueError:
         """The error of a problem with the support, the body and the cells that caused it."""
         # Only for a failure: SciPy's solvers take longer to import than a small job.
         from bipot_rs.contact.stiffness.digits import describe_soft
