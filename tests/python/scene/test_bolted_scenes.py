@@ -131,7 +131,7 @@ def test_half_a_force_and_automatic_steps() -> None:
         ),
         (
             {"section": "bar", "plane": {"point": [0, 0, 8], "normal": [0, 0, 0]}},
-            "bolt.0.plane.normal",
+            "needs a point and a normal of 3 numbers, not all zero",
         ),
         (
             {"section": "brr", "plane": {"point": [0, 0, 8], "normal": [0, 0, 1]}},
@@ -155,3 +155,36 @@ def test_mistakes_of_several_tables() -> None:
         model.assemble()
     with pytest.raises(SceneError, match=r"does not support bolt\.0"):
         hook("petsc").assemble()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_bolt_of_revolution(order: int) -> None:
+    """The force is that of the full turn; the shortening is F L / (E A) with A = pi R^2."""
+    m = bp.Model("bolt", units=("mm", "N", "MPa"))
+    m.material("steel", young=2e5, poisson=0.3)
+    x, y = {"from": 0, "to": 2, "cells": 2}, {"from": 0, "to": 10, "cells": 5}
+    m.body(
+        "bar",
+        material="steel",
+        cell="quadrilateral",
+        plane="axisymmetric",
+        order=order,
+        x=x,
+        y=y,
+        surface={"mid": {"within": {"y": [4, 4]}}},
+    )
+    m.support("bar.bottom", y=0)
+    pairing = "mortar" if order == 2 else "match"
+    top = {"point": [0, 10], "normal": [0, 1]}
+    m.contact("bar.top", plane=top, mu=0.0, pairing=pairing)
+    m.bolt("bar.mid", force=1000.0, step=[1, 1])
+    m.path(steps=2)
+    result = m.solve()
+    # Residuals of 1e-12, times the condition of the bar, 1e2.
+    shortening = 1000 * 10 / (2e5 * np.pi * 4)
+    np.testing.assert_allclose(result[0].shortening, shortening, rtol=1e-10)
+    np.testing.assert_allclose(result[1].bolt_force, 1000.0, rtol=1e-10)
+    plane = {"point": [0, 4], "normal": [1, 1]}
+    m.bolt("bar", plane=plane, force=1.0, step=[1, 1])
+    with pytest.raises(SceneError, match="is shortened along y, which is z"):
+        m.assemble()

@@ -45,6 +45,7 @@ def summarise(name: str) -> dict[str, object]:
             ("pressure", scene.pressure),
             ("body force", scene.body_force),
             ("initial strain", scene.strain),
+            ("bolt", scene.bolt),
         )
         if entries
     ]

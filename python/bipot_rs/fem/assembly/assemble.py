@@ -15,7 +15,7 @@ from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import ROUNDING, Body
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.bodies.numbering import NumberedBodies, number_bodies
-from bipot_rs.fem.constraints.bolts import Bolt, cut_bodies
+from bipot_rs.fem.constraints.bolts import Bolt, Cut, cut_bodies
 from bipot_rs.fem.constraints.inclined_supports import Planes, make_planes
 from bipot_rs.fem.constraints.references import (
     Remote,
@@ -91,7 +91,7 @@ def assemble(
     for contact in contacts:
         check_contact(contact, dim)
     if numbered.axisymmetric:
-        _check_axisymmetric(contacts, remotes, repetitions, bolts)
+        _check_axisymmetric(contacts, remotes, repetitions, shanks)
     nodes = np.concatenate([body.points for body in bodies])
     straight, planes = _sort_planes(numbered, symmetries)
     supports = [*supports, *straight]
@@ -204,7 +204,7 @@ def _check_axisymmetric(
     contacts: Sequence[Contact],
     remotes: Sequence[Remote],
     repetitions: Sequence[Repetition],
-    bolts: Sequence[Bolt],
+    shanks: Sequence[Cut],
 ) -> None:
     """Refuse what turns a half section, or moves it along r as a rigid body."""
     if remotes:
@@ -212,10 +212,16 @@ def _check_axisymmetric(
             f"remote {remotes[0].name!r}: bodies of revolution have no remotes; use a support, "
             "a traction or a pressure"
         )
-    if repetitions or bolts:
+    if repetitions:
         raise ValueError(
-            "bodies of revolution have no cyclic or periodic cuts and no bolts: remove them"
+            "bodies of revolution have no cyclic or periodic cuts: remove them"
         )
+    for cut in shanks:
+        if abs(cut.axis[0]) > _NO_WAY:
+            raise ValueError(
+                f"section of the bolt {cut.bolt.name!r}: a bolt of revolution is shortened "
+                "along y, which is z; cut it by a section normal to this axis"
+            )
     for contact in contacts:
         name = f"contact on {contact.surface!r} of body {contact.body!r}"
         if contact.motion is not None and contact.motion.turns:

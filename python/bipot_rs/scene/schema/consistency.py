@@ -503,7 +503,7 @@ def check_bolts(
             if bolt.section not in scene.body:
                 yield _unknown(f"{place}.section", "body", bolt.section, scene.body)
             yield from _length(f"{place}.plane.point", bolt.plane.point, dim)
-            yield from _axis(f"{place}.plane.normal", bolt.plane.normal, dim)
+            yield from _length(f"{place}.plane.normal", bolt.plane.normal, dim)
         first, last = bolt.step
         if not first <= last <= count:
             yield Mistake(
