@@ -450,3 +450,18 @@ def test_a_pickled_problem_solves_to_the_same_bits() -> None:
         p.solve(load, moved) for p in (problem, pickle.loads(pickle.dumps(problem)))
     )
     assert ours[0].shortening.tobytes() == theirs[0].shortening.tobytes()
+
+
+def test_names_of_bodies_repeat_beside_a_bolt() -> None:
+    frame = stand().bodies[0]
+    up = ([0.0, 9.0], [0.0, 1.0])
+    with pytest.raises(ValueError, match="names of bodies repeat"):
+        fem.assemble(
+            [
+                frame,
+                frame,
+                Body("bar", fem.box([[0, 1], [0, 8, 16]], "triangle"), STEEL),
+            ],
+            [],
+            bolts=[Bolt("it", "bar", up)],
+        )

@@ -87,7 +87,7 @@ def cut_bodies(
             for c in cuts
         ]
         cuts.append(cut)
-    return list(whole.values()), cuts
+    return [whole[body.name] for body in bodies], cuts
 
 
 def _cut(body: Body, bolt: Bolt) -> tuple[Body, Ints, Cut]:
