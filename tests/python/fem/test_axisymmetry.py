@@ -12,6 +12,7 @@ import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs._lib.types import Floats
 from bipot_rs.cli.commands.new import write_deck
+from bipot_rs.discretisation import discretisation_error
 from bipot_rs.fem.bodies.boundary import spring_stiffness
 from cases.revolution import KINDS, fit, hertz, ring
 
@@ -143,6 +144,8 @@ def test_a_solid_shaft_in_plane_stress_from_a_scene() -> None:
     area = 2 * np.pi * b * 0.01
     assert result.reaction[0, :, 0].sum() == pytest.approx(pressure * area, rel=2e-3)
     assert result.traction[0, :-1, 0] == pytest.approx(pressure, rel=3e-3)
+    with pytest.raises(ValueError, match="the bodies are axisymmetric"):
+        discretisation_error(result.case, result)
 
 
 def test_hertz_by_the_iterative_engine() -> None:
