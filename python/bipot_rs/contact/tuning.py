@@ -39,6 +39,8 @@ SPRING_ITERATIONS = 60
 # Spring of a copied displacement, relative to the diagonal of K there. A third and three times
 # as much: more multipliers, or more Krylov iterations for each of them; about as many in all.
 COPY_SPRING = 30.0
+# Solutions of a step with copies; only for the forecast that is printed.
+COPY_SOLUTIONS = 6
 # Multipliers after which each has to halve the change; eight are usual.
 COPY_PATIENCE = 8
 # Largest condition of the rows of a contact by which a displacement is copied.

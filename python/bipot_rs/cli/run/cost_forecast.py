@@ -32,6 +32,9 @@ _NODES = {
 }
 # Bytes of a number and of an index.
 _ENTRY = 12
+# Copies of K beside the bytes that the core counts: with 2, forecasts for joints of 19,000 and
+# 42,000 unknowns are within 2 % of the memory that they take.
+_COPIES_OF_K = 2
 
 # Memory of a rank of engine petsc: libraries, mesh and loads for each node, and copies of its
 # rows of K: K itself, what the preconditioner is made of, and the preconditioner.
@@ -159,7 +162,8 @@ def cost(counts: Record, model: Assembly, steps: int) -> list[str]:
             f"  memory    about {size(counts['bytes_peak'])}{of}",
             f"  time      {duration(seconds(counts, threads))} for all load steps",
         ]
-    most, factor = size(counts["bytes_peak"]), size(counts["bytes_factor"])
+    most = size(counts["bytes_peak"] + _COPIES_OF_K * _ENTRY * model.K.nnz)
+    factor = size(counts["bytes_factor"])
     entries = f"{counts['nnz_factor']:.3g} entries"
     rate = f"{RATE / 1e9:g} Gflop/s on {'' if threads == 1 else 'each of '}"
     time = duration(seconds(counts, threads))

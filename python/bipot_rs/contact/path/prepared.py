@@ -620,7 +620,9 @@ class PreparedStiffness:
         if tell is None or iterative is None:
             return
         contacts, d = self._contacts.shape
-        steps = self.options.steps or 1
+        solutions = self.options.steps or 1
+        if iterative.springs.contacts.size:
+            solutions *= tuning.COPY_SOLUTIONS
         tell(
             {
                 "engine": "iterative",
@@ -628,7 +630,7 @@ class PreparedStiffness:
                 "bodies": None,
                 "n_contact_dofs": d * contacts,
                 "nnz_factor": 0,
-                "flops": tuning.STEP_FLOPS * self.options.n * steps,
+                "flops": tuning.STEP_FLOPS * self.options.n * solutions,
                 "bytes_factor": 0,
                 "bytes_peak": sum(iterative.core.bytes),
                 "ordering": None,
