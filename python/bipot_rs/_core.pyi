@@ -781,7 +781,7 @@ class Reduced:
         parts: list[tuple[list[int], _Floats, tuple[list[int], list[int]] | None]],
         q: _Floats,
         law: ContactLaw,
-        modes: _Floats,
+        modes: tuple[_Indices, _Indices, _Floats],
         load: _Floats,
     ) -> Reduced: ...
     @property
@@ -789,8 +789,6 @@ class Reduced:
         """Largest `|W_ij − W_ji|` over the largest entry."""
     def residual(self, reaction: _Floats, rigid: _Floats | None = None) -> float:
         """η at `(r, a)`; without `a`, at the rigid motion of least squares."""
-    def is_unresisted(self, amounts: _Floats) -> bool:
-        """Whether amounts of the rigid motions prove that there is no equilibrium."""
     def is_contradiction(self, amounts: _Floats) -> bool:
         """Whether amounts of normal displacements prove that contacts contradict."""
     def balances(self, pressure: _Floats) -> bool | None:

@@ -273,7 +273,7 @@ impl<const D: usize> Condensed<D> {
             stats,
         };
         let rigid = Rigid {
-            modes: made.modes(),
+            modes: made.modes().into(),
             load: vec![0.0; made.bodies.motions().len()],
         };
         let q = vec![[0.0; D]; made.contacts()];
@@ -413,7 +413,7 @@ impl<const D: usize> Condensed<D> {
         if work.iter().all(|&e| e == 0.0) {
             self.close_what_touches(load, prescribed, &mut q);
         }
-        let modes = self.modes();
+        let modes = self.modes().into();
         Ok(FreePart {
             q,
             rigid: Rigid { modes, load: work },

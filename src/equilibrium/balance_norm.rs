@@ -26,7 +26,26 @@ pub fn measure_imbalance(
     stop: &AtomicBool,
 ) -> Result<(f64, f64), Error> {
     let lengths = statics.column_lengths();
-    let factor = factor_gram(statics, &lengths, stop)?;
+    // Circular cones, and columns of length 1.
+    let mut factors = Vec::with_capacity(statics.rows());
+    for contact in 0..statics.contacts() {
+        let mu = statics.largest_friction(contact);
+        let rows = statics.first[contact]..statics.first[contact + 1];
+        factors.extend(rows.clone().map(|row| {
+            let plain = row == rows.start || mu == 0.0;
+            if plain {
+                1.0
+            } else {
+                statics.friction[row] / mu
+            }
+        }));
+    }
+    let rows = |row: usize, add: &mut dyn FnMut(usize, f64)| {
+        for (j, value) in statics.row(row) {
+            add(j, factors[row] * value / lengths[j]);
+        }
+    };
+    let factor = factor_gram(statics.rows(), lengths.len(), rows, stop)?;
     let size = |force: &[f64]| {
         let mut scaled: Vec<f64> = force.iter().zip(&lengths).map(|(f, l)| f / l).collect();
         factor.condense(&mut scaled, 1);
@@ -47,29 +66,23 @@ pub fn measure_imbalance(
     })
 }
 
-/// The factor of `Rᵀ R`, with columns of length 1 and circular cones.
-fn factor_gram(statics: &Statics, lengths: &[f64], stop: &AtomicBool) -> Result<Factor, Error> {
-    let motions = lengths.len();
+/// The factor of `Rᵀ R`, with `row(i, add)` that calls `add(j, value)` for the entries of row `i`.
+///
+/// # Errors
+/// [`Error::DependentMotion`] if the columns of `R` are dependent, [`Error::Interrupted`].
+pub fn factor_gram(
+    rows: usize,
+    motions: usize,
+    row: impl Fn(usize, &mut dyn FnMut(usize, f64)),
+    stop: &AtomicBool,
+) -> Result<Factor, Error> {
     let mut of_motion: Vec<Vec<(usize, f64)>> = vec![Vec::new(); motions];
-    for contact in 0..statics.contacts() {
-        let mu = statics.largest_friction(contact);
-        for row in statics.first[contact]..statics.first[contact + 1] {
-            let normal = row == statics.first[contact];
-            let factor = if normal || mu == 0.0 {
-                1.0
-            } else {
-                statics.friction[row] / mu
-            };
-            for (j, value) in statics.row(row) {
-                of_motion[j].push((row, factor * value / lengths[j]));
-            }
-        }
-    }
-    let mut by_row: Vec<Vec<(usize, f64)>> = vec![Vec::new(); statics.friction.len()];
-    for (motion, entries) in of_motion.iter().enumerate() {
-        for &(row, value) in entries {
-            by_row[row].push((motion, value));
-        }
+    let mut by_row: Vec<Vec<(usize, f64)>> = vec![Vec::new(); rows];
+    for i in 0..rows {
+        row(i, &mut |j, value| {
+            of_motion[j].push((i, value));
+            by_row[i].push((j, value));
+        });
     }
     let (mut pointer, mut index, mut values) = (vec![0], Vec::new(), Vec::new());
     let mut sums = vec![0.0; motions];

@@ -79,11 +79,14 @@ pub fn find_limit(
         }
         let part = Part::new(statics, group, &lengths, dead, &mut place);
         let (multiplier, motion) = part.find_multiplier(live, limits)?;
-        if !multiplier.is_finite() {
-            continue;
+        if multiplier.is_finite() {
+            largest = largest.min(multiplier.max(0.0));
         }
-        let multiplier = multiplier.max(0.0);
-        largest = largest.min(multiplier);
+        let multiplier = if multiplier.is_finite() {
+            multiplier.max(0.0)
+        } else {
+            0.0
+        };
         let mut repair = Repair::new(statics, &part, &lengths);
         let mut bounded: Option<(f64, Vec<f64>, f64)> = None;
         for above in ABOVE {
@@ -104,12 +107,25 @@ pub fn find_limit(
                 bounded = Some((tried, mechanism, excluded));
             }
         }
+        // Where the programme has no answer, as with a dead load on its limit, loads are asked.
+        for exponent in -10..=10 {
+            if bounded.is_some() {
+                break;
+            }
+            let tried = 10_f64.powi(exponent) * part.force_of(live);
+            let decision = decide(statics, &add(dead, tried, live), limits)?;
+            let works = |d: &[f64]| !bound(statics, part.contacts(), dead, live, d).is_nan();
+            if decision.verdict == Verdict::None && works(&decision.motion) {
+                bounded = Some((tried, decision.motion, decision.excluded));
+            }
+        }
         if let Some((upper, mechanism, excluded)) = bounded
             && upper < limit.upper
         {
             (limit.upper, limit.mechanism, limit.excluded) = (upper, mechanism, excluded);
         }
     }
+    largest = largest.min(limit.upper);
     if !largest.is_finite() {
         return Ok(limit);
     }

@@ -6,6 +6,10 @@ use crate::equilibrium::statics::Statics;
 use crate::error::Error;
 use crate::linalg::small::norm;
 
+/// Cohesion above this many times the loads hides them from a programme; less of it leaves fewer
+/// reactions, all of them allowed, and a proof counts all of it.
+const MOST_COHESION: f64 = 1e6;
+
 /// A contact in the programme.
 struct Cone {
     /// Its unknowns, the first of them and their number: one without friction.
@@ -139,8 +143,8 @@ impl<'a> Part<'a> {
         programme.equal(self.motions.len());
     }
 
-    /// Reactions in their cones, by the `margin` of a column if there is one.
-    fn confine(&self, programme: &mut Programme, margin: Option<usize>) {
+    /// Reactions in their cones, by the `margin` of a column if there is one, with `most` cohesion.
+    fn confine(&self, programme: &mut Programme, margin: Option<usize>, most: f64) {
         let inside = || margin.map(|column| (column, -1.0));
         for cone in &self.cones {
             let Cone {
@@ -149,7 +153,7 @@ impl<'a> Part<'a> {
                 edge: [normal, tangential],
                 cohesion,
             } = *cone;
-            let constant = cohesion.unwrap_or(0.0);
+            let constant = cohesion.unwrap_or(0.0).min(most);
             match count {
                 1 => {
                     programme.push(0.0, [(first, 1.0)].into_iter().chain(inside()));
@@ -184,7 +188,7 @@ impl<'a> Part<'a> {
         let mut programme = Programme::new(margin + 1);
         programme.cost[margin] = -1.0;
         self.balance(&mut programme, |_| None);
-        self.confine(&mut programme, Some(margin));
+        self.confine(&mut programme, Some(margin), MOST_COHESION);
         programme.push(1.0, [(margin, -1.0)]);
         programme.nonnegative(1);
         let end = programme.solve(NEAR_ROUNDING, limits)?;
@@ -197,7 +201,7 @@ impl<'a> Part<'a> {
         let mut programme = Programme::new(self.component.len());
         programme.squares.fill(1.0);
         self.balance(&mut programme, |_| None);
-        self.confine(&mut programme, None);
+        self.confine(&mut programme, None, MOST_COHESION);
         let end = programme.solve(NEAR_ROUNDING, limits)?;
         Ok((self.reaction(&end), self.motion(&end)))
     }
@@ -210,7 +214,7 @@ impl<'a> Part<'a> {
         let mut programme = Programme::new(imbalance + motions);
         programme.squares[imbalance..].fill(1.0);
         self.balance(&mut programme, |motion| Some((imbalance + motion, -1.0)));
-        self.confine(&mut programme, None);
+        self.confine(&mut programme, None, MOST_COHESION);
         let end = programme.solve(NEAR_ROUNDING, limits)?;
         Ok(self.spread(&end.x[imbalance..]))
     }
@@ -228,7 +232,7 @@ impl<'a> Part<'a> {
         let mut programme = Programme::new(multiplier + 1);
         programme.cost[multiplier] = -1.0;
         self.balance(&mut programme, |motion| Some((multiplier, live[motion])));
-        self.confine(&mut programme, None);
+        self.confine(&mut programme, None, f64::INFINITY);
         programme.push(0.0, [(multiplier, 1.0)]);
         programme.nonnegative(1);
         let end = programme.solve(NEAR_ROUNDING, limits)?;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SupportedConeT};
@@ -28,7 +28,27 @@ const LOOK: Duration = Duration::from_millis(50);
 #[derive(Clone, Copy, Debug)]
 pub struct Limits<'a> {
     pub stop: &'a AtomicBool,
-    pub seconds: f64,
+    started: Instant,
+    seconds: f64,
+}
+
+impl<'a> Limits<'a> {
+    /// From now on, for all programmes together.
+    #[must_use]
+    pub fn new(stop: &'a AtomicBool, seconds: f64) -> Self {
+        let started = Instant::now();
+        Self {
+            stop,
+            started,
+            seconds,
+        }
+    }
+
+    /// Zero once they are over.
+    #[must_use]
+    pub fn seconds_left(&self) -> f64 {
+        (self.seconds - self.started.elapsed().as_secs_f64()).max(0.0)
+    }
 }
 
 /// `min ½ xᵀ diag(squares) x + cost·x` with `right + A x` in a product of cones.
@@ -107,7 +127,7 @@ impl Programme {
         let settings = DefaultSettings {
             verbose: false,
             max_threads: 1,
-            time_limit: limits.seconds.max(0.0),
+            time_limit: limits.seconds_left(),
             tol_feas: enough,
             tol_gap_abs: enough,
             tol_gap_rel: enough,

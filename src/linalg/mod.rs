@@ -13,7 +13,6 @@ pub mod jacobi;
 mod krylov_triangle;
 pub mod least_squares;
 pub mod lu;
-pub mod nonnegative;
 mod packed;
 pub mod pages;
 pub mod parallel;

@@ -146,7 +146,9 @@ fn run<T: Send>(
     work: impl FnOnce(Limits) -> Result<T, Error> + Send,
 ) -> PyResult<T> {
     let seconds = max_seconds.unwrap_or(f64::INFINITY);
-    interrupt::run(py, None, |stop: &AtomicBool| work(Limits { stop, seconds }))
+    interrupt::run(py, None, |stop: &AtomicBool| {
+        work(Limits::new(stop, seconds))
+    })
 }
 
 /// A product of circular cones over which linear functions are minimised.

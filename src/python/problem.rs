@@ -155,7 +155,7 @@ impl PyCondensed {
             })?;
             Ok((
                 arrays::from_rows(py, &over(problem.elliptic.as_ref(), &part.q))?,
-                problem.as_rows(py, &part.rigid.modes)?,
+                problem.as_rows(py, &part.rigid.modes.columns())?,
                 arrays::from_vec(py, part.rigid.load),
             ))
         })

@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use crate::proof::uniqueness;
-use crate::python::arrays::{self, Indices, LawArrays, Matrix, Vector};
+use crate::python::arrays::{self, Csr, Indices, LawArrays, Matrix, Vector};
 use crate::python::bound::{self, PyBound};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::estimate::{self, Estimate};
@@ -11,7 +11,7 @@ use crate::python::reduced_arrays::{Answers, IslandArrays, ReducedArrays};
 use crate::python::solution::PySolution;
 use crate::python::solver::settings;
 use crate::python::tangent::{self, PyTangentSystem};
-use crate::reduced::existence::{balances, is_contradiction, is_unresisted};
+use crate::reduced::existence::{balances, is_contradiction};
 
 /// A reduced problem `v = W r + R a + q` in the numbering of the caller.
 #[pyclass(frozen, name = "Reduced", module = "bipot_rs._core")]
@@ -22,14 +22,14 @@ pub(super) struct PyReduced {
 #[pymethods]
 impl PyReduced {
     /// `parts` has (contacts, values, pattern) for each island: a dense row-major matrix
-    /// without a pattern, or blocks with (first block of a row, columns).
+    /// without a pattern, or blocks with (first block of a row, columns). `modes` is `R` by rows.
     #[new]
     fn new(
         py: Python<'_>,
         parts: Vec<IslandArrays>,
         q: Matrix<'_>,
         law: LawArrays<'_>,
-        modes: Matrix<'_>,
+        modes: Csr<'_>,
         load: Vector<'_>,
     ) -> PyResult<Self> {
         let kind = map_either!(Dimension::of(q.as_array().ncols()), () => {
@@ -59,14 +59,6 @@ impl PyReduced {
     ) -> PyResult<f64> {
         let rigid = rigid.as_ref().map(|a| a.as_slice()).transpose()?;
         for_either!(&self.kind, problem => problem.residual(py, &reaction, rigid))
-    }
-
-    /// Whether amounts of the rigid motions prove that there is no equilibrium.
-    fn is_unresisted(&self, py: Python<'_>, amounts: Vector<'_>) -> PyResult<bool> {
-        let amounts = amounts.as_slice()?;
-        for_either!(&self.kind, problem => {
-            problem.decide(py, amounts, problem.rigid.modes.len(), is_unresisted)
-        })
     }
 
     /// Whether amounts of normal displacements prove that contacts contradict each other.

@@ -10,8 +10,9 @@ use pyo3::prelude::*;
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::blocks::Blocks;
+use crate::linalg::sparse::rows::Rows;
 use crate::proof::uniqueness::Unique;
-use crate::python::arrays::{self, LawArrays, Matrix, Vector};
+use crate::python::arrays::{self, Csr, CsrArrays, LawArrays, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solution::PySolution;
 use crate::reduced::best_motion::best_motion;
@@ -19,6 +20,7 @@ use crate::reduced::compliance::{Compliance, Part};
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, rounding, times};
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::Certificate;
+use crate::reduced::rigid_motions::RigidMotions;
 use crate::solver::monitor::Progress;
 use crate::solver::{self, Settings, Start, certify, enumerate};
 
@@ -56,23 +58,32 @@ impl<const D: usize> ReducedArrays<D> {
         given: Vec<IslandArrays>,
         q: &Matrix<'_>,
         law: &LawArrays<'_>,
-        modes: &Matrix<'_>,
+        modes: &Csr<'_>,
         load: &Vector<'_>,
     ) -> PyResult<Self> {
         let q = arrays::rows::<D>(q)?;
         let (law, elliptic) = law.read(D)?;
         arrays::length("mu", law.len(), q.len())?;
         check_partition(&given, q.len())?;
-        let (count, size) = modes.as_array().dim();
-        if count > 0 {
-            arrays::length("R", size, D * q.len())?;
+        let load = load.as_slice()?.to_vec();
+        let mut motions = RigidMotions::default();
+        if !load.is_empty() {
+            let csr = CsrArrays::new(modes, "R", None)?;
+            let rows = Rows {
+                row_ptr: &csr.pointer,
+                columns: &csr.index,
+                values: csr.values,
+            };
+            motions = RigidMotions::from_rows(rows, q.len(), load.len())?;
         }
-        let columns = modes.as_slice()?.chunks_exact(D * q.len().max(1));
+        if let Some(elliptic) = &elliptic {
+            let scale =
+                |i: usize, m: &[f64; D]| std::array::from_fn(|k| m[k] * elliptic.factor(i, k));
+            motions = motions.map(|i, _, m| scale(i, m));
+        }
         let rigid = Rigid {
-            modes: columns
-                .map(|column| times(elliptic.as_ref(), column.as_chunks::<D>().0).into_owned())
-                .collect(),
-            load: load.as_slice()?.to_vec(),
+            modes: motions,
+            load,
         };
         let mut parts = Vec::with_capacity(given.len());
         for (nodes, values, pattern) in given {

@@ -221,6 +221,7 @@ impl PyTangentView {
                 let q = vec![[0.0; D]; contacts];
                 let law = vec![ContactLaw::default(); contacts];
                 let still = modes.is_empty();
+                let modes = modes.into();
                 let problem = Reduced::new(compliance, &q, &law, &Rigid { modes, load })?;
                 if still {
                     let shared = view.problem.shared_compliance();

@@ -192,11 +192,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
     /// `R̂ â`.
     fn rigid(&self, motion: &[f64]) -> Vec<[f64; D]> {
         let mut moved = vec![[0.0; D]; self.free.len()];
-        for (mode, amount) in self.problem.scaling.modes.iter().zip(motion) {
-            for (value, m) in moved.as_flattened_mut().iter_mut().zip(mode.as_flattened()) {
-                *value += amount * m;
-            }
-        }
+        self.problem.scaling.modes.add_product(motion, &mut moved);
         moved
     }
 
@@ -215,17 +211,10 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
 
     /// The step of least squares with `rest + J R̂ step = 0`, with `J` of each contact.
     fn step(&self, rest: &[f64], jacobian: &[Block<D>]) -> Vec<f64> {
-        let modes = self.problem.scaling.modes.iter();
-        let columns: Vec<Vec<f64>> = modes
-            .map(|mode| {
-                let moved = mode.iter().zip(jacobian);
-                let moved = moved.map(|(m, jacobian)| jacobian * Vector::from(*m));
-                moved
-                    .flat_map(|m| <[f64; D]>::from(m).into_iter())
-                    .collect()
-            })
-            .collect();
-        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let modes = &self.problem.scaling.modes;
+        let moved = modes.map(|i, _, m| (jacobian[i] * Vector::from(*m)).into());
+        let columns = moved.columns();
+        let columns: Vec<&[f64]> = columns.iter().map(|c| c.as_flattened()).collect();
         let right: Vec<f64> = rest.iter().map(|x| -x).collect();
         least_squares::solve(&columns, &right)
     }

@@ -3,7 +3,6 @@
 //!
 //! | witness | condition | what it proves |
 //! |---|---|---|
-//! | rigid motion `a` | `R a ∈ K*_μ` at each contact, `e·a > Σ c‖(R a)_t‖` | no equilibrium: `a·(Rᵀ r + e) > 0` for each `r ∈ C`, `K_μ` without cohesion |
 //! | amounts `λ ≥ 0` of normal displacements | `Wᵀ λ = 0`, `Rᵀ λ = 0`, `λ·q < 0` | no equilibrium: `λ·v = λ·q < 0` for each `r` and `a` |
 //! | normal reactions `p ≥ 0` | `Rᵀ p + e = 0` | contact can balance the loads |
 //!
@@ -11,9 +10,7 @@
 //! only reactions below `work / ‖δ‖`. It counts if these include all reactions up to
 //! [`LARGEST_REACTION`] times the loads.
 
-use crate::law::contact_law::ContactLaw;
-use crate::linalg::compensated::Sum;
-use crate::linalg::small::{dot_long, norm, tangential_norm};
+use crate::linalg::small::dot_long;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::WORST_FLOOR;
 
@@ -33,42 +30,6 @@ pub fn excludes(work: f64, lack: f64, size: f64) -> bool {
     work > 0.0 && work >= LARGEST_REACTION * lack * size
 }
 
-/// Whether the rigid motion `a` proves that there is no equilibrium.
-///
-/// It is evaluated in the numbers that were given, `R`, `e` and μ, with sums in twice the
-/// precision: a search in scaled variables has rounded them.
-#[must_use]
-pub fn is_unresisted<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
-    let scaling = &problem.scaling;
-    let (mut lack, mut of_cohesion) = (0.0_f64, 0.0);
-    for i in 0..problem.contacts() {
-        let ContactLaw { mu, cohesion, .. } = problem.scaled_law(i);
-        let v: [f64; D] = std::array::from_fn(|k| {
-            let mut sum = Sum::default();
-            for (mode, &amount) in problem.rigid.modes.iter().zip(a) {
-                sum.add_product(mode[i][k], amount);
-            }
-            sum.value() * scaling.to_v[i]
-        });
-        let slack = v[0] - mu * tangential_norm(&v);
-        if cohesion > 0.0 {
-            of_cohesion += cohesion * tangential_norm(&v);
-        }
-        // Without friction a contact resists by its normal force alone.
-        lack = lack.hypot((-slack).max(0.0) / mu.hypot(1.0).max(1.0));
-    }
-    let mut work = Sum::default();
-    for (e, a) in problem.rigid.load.iter().zip(a) {
-        work.add_product(*e, *a);
-    }
-    // r̂·v̂ over r·v is the same for every contact.
-    let unit = scaling.to_v.first().zip(scaling.to_r.first());
-    let work = unit.map_or(work.value(), |(v, r)| work.value() * r * v);
-    let left = work - of_cohesion;
-    let works = works(problem, a) && (of_cohesion == 0.0 || left > LEAST_WORK * work);
-    works && excludes(left, lack, norm(&scaling.load))
-}
-
 /// Whether the loads work on a rigid motion `a` by more than their rounding.
 #[must_use]
 pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
@@ -85,7 +46,8 @@ pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -
     let normal = normal_only::<D>(amounts);
     let mut moved = vec![[0.0; D]; amounts.len()];
     problem.compliance.transposed_product(&normal, &mut moved);
-    let (mut lack, mut work, mut size) = (norm(&sums(problem, &normal)), 0.0, 0.0_f64);
+    let (mut lack, mut work, mut size) =
+        (scaling.force_norm(&sums(problem, &normal)), 0.0, 0.0_f64);
     for (i, amount) in amounts.iter().enumerate() {
         // A contact without friction has no tangential reaction.
         let components = if problem.law[i].has_friction() { D } else { 1 };
@@ -110,7 +72,7 @@ pub fn balances<const D: usize>(problem: &Reduced<D>, pressure: &[f64]) -> Optio
     let scaling = &problem.scaling;
     let sums = sums(problem, &normal_only::<D>(pressure));
     let rest: Vec<f64> = sums.iter().zip(&scaling.load).map(|(p, e)| p + e).collect();
-    let mut size = norm(&scaling.load);
+    let mut size = scaling.force_norm(&scaling.load);
     for (i, q) in problem.q.iter().enumerate() {
         let components = if problem.law[i].has_friction() { D } else { 1 };
         let largest = q[..components].iter().fold(0.0_f64, |m, c| m.max(c.abs()));
@@ -119,7 +81,7 @@ pub fn balances<const D: usize>(problem: &Reduced<D>, pressure: &[f64]) -> Optio
     let largest = pressure.iter().zip(&scaling.to_r);
     let largest = largest.fold(0.0_f64, |m, (p, s)| m.max(p * s));
     let nonnegative = pressure.iter().all(|&p| p >= 0.0);
-    if !(nonnegative && norm(&rest) <= LEAST_WORK * size) {
+    if !(nonnegative && scaling.force_norm(&rest) <= LEAST_WORK * size) {
         return Some(false);
     }
     (largest <= LARGEST_REACTION * size).then_some(true)
@@ -132,13 +94,5 @@ fn normal_only<const D: usize>(normal: &[f64]) -> Vec<[f64; D]> {
 
 /// `R̂ᵀ r̂`.
 fn sums<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
-    let scaling = &problem.scaling;
-    let sum = |mode: &Vec<[f64; D]>| {
-        let terms = mode.iter().zip(r).zip(&scaling.to_r);
-        let at = |((m, r), s): ((&[f64; D], &[f64; D]), &f64)| {
-            m.iter().zip(r).map(|(m, r)| m * r * s).sum::<f64>()
-        };
-        terms.map(at).sum()
-    };
-    scaling.modes.iter().map(sum).collect()
+    problem.scaling.modes.work(r, &problem.scaling.to_r)
 }

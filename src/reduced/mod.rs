@@ -1,6 +1,5 @@
 //! The contact problem in the reactions, `v = W r + q`, without any algorithm.
 
-pub mod balance;
 pub mod best_motion;
 pub mod compliance;
 pub mod elliptic_scaling;
@@ -9,6 +8,8 @@ pub mod island;
 pub mod memory;
 pub mod reduced;
 pub mod residual;
+pub mod rigid_motions;
 pub mod rotation;
+pub mod runaway;
 mod tuning;
 pub mod validate;

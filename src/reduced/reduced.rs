@@ -1,17 +1,26 @@
 //! The reduced problem (5), `v = W r + R a + q`, checked and scaled once.
 
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
+
+use crate::equilibrium::balance_norm::factor_gram;
 use crate::error::Error;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{length, norm};
-use crate::reduced::compliance::Compliance;
+use crate::linalg::small::{Block, length, norm};
+use crate::linalg::sparse::blocks::Blocks;
+use crate::linalg::sparse::multifrontal::Factor;
+use crate::linalg::sparse::sparse_lu::Analysis;
+use crate::reduced::compliance::{Compliance, Whole};
+use crate::reduced::rigid_motions::RigidMotions;
+use crate::reduced::tuning;
 use crate::reduced::validate::{check_finite, check_length};
 
 /// Rigid motions of bodies that only contact holds: `v = W r + R a + q` with `Rᵀ r + e = 0`.
 #[derive(Clone, Debug, Default)]
 pub struct Rigid<const D: usize> {
-    /// Columns of `R`, one for each rigid motion, each with all contacts.
-    pub modes: Vec<Vec<[f64; D]>>,
+    /// `R`.
+    pub modes: RigidMotions<D>,
     /// `e`, the work of the loads on each rigid motion.
     pub load: Vec<f64>,
 }
@@ -34,6 +43,8 @@ pub struct Reduced<'a, const D: usize> {
     /// A contact that penetrates and that nothing can move, in the numbering of the caller, and
     /// its penetration. Then there is no solution.
     pub contradiction: Option<(usize, f64)>,
+    /// [`Reduced::whole`] with rows and columns of the rigid motions, made on first use.
+    bordered: OnceLock<Arc<Whole<D>>>,
 }
 
 impl<'a, const D: usize> Reduced<'a, D> {
@@ -54,25 +65,20 @@ impl<'a, const D: usize> Reduced<'a, D> {
         check_finite("q", q.as_flattened())?;
         check_length("rigid load e", rigid.load.len(), rigid.modes.len())?;
         check_finite("rigid load e", &rigid.load)?;
-        for mode in &rigid.modes {
-            check_length("rigid motion R", mode.len(), contacts)?;
-            check_finite("rigid motion R", mode.as_flattened())?;
+        if !rigid.modes.is_empty() {
+            check_length("rigid motion R", rigid.modes.contacts(), contacts)?;
+            check_finite("rigid motion R", rigid.modes.values().as_flattened())?;
         }
         contact_law::check(law, contacts)?;
         let q = compliance.gather(q);
-        let modes = rigid
-            .modes
-            .iter()
-            .map(|mode| compliance.gather(mode))
-            .collect();
         let rigid = Rigid {
-            modes,
+            modes: rigid.modes.gather(compliance.order()),
             load: rigid.load.clone(),
         };
         let mut contradiction = None;
         for (position, free) in q.iter().enumerate() {
             let held = !compliance.moves(position)
-                && rigid.modes.iter().all(|mode| mode[position][0] == 0.0);
+                && rigid.modes.at(position).all(|(_, motion)| motion[0] == 0.0);
             if held && free[0] < 0.0 {
                 contradiction = Some((compliance.order()[position], -free[0]));
             }
@@ -87,6 +93,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
             entry_rounding: 0.0,
             scaling,
             contradiction,
+            bordered: OnceLock::new(),
         })
     }
 
@@ -122,6 +129,45 @@ impl<'a, const D: usize> Reduced<'a, D> {
         self.q.len()
     }
 
+    /// [`Compliance::whole`]; with many rigid motions the matrix `(W, R̂; R̂ᵀ, 0)`, its motions in
+    /// blocks of `D` after the contacts.
+    ///
+    /// # Errors
+    /// As [`Compliance::whole`].
+    pub fn whole(&self) -> Result<Option<&Whole<D>>, Error> {
+        let Some(whole) = self.compliance.whole()? else {
+            return Ok(None);
+        };
+        if !self.scaling.is_sparse() {
+            return Ok(Some(whole));
+        }
+        if self.bordered.get().is_none() {
+            let (n, modes) = (self.contacts(), &self.scaling.modes);
+            let mut moved = vec![Vec::new(); modes.len().div_ceil(D)];
+            for contact in 0..n {
+                for (c, motion) in modes.at(contact) {
+                    let of_row = |k: usize| if k == c % D { 1.0 } else { 0.0 };
+                    let block = Block::from_fn(|k, l| of_row(k) * motion[l]);
+                    moved[c / D].push((contact, block));
+                }
+            }
+            let blocks = Blocks::from_rows(n + moved.len(), |i, add| {
+                if i >= n {
+                    moved[i - n].iter().for_each(|(j, block)| add(*j, *block));
+                    return;
+                }
+                whole.blocks.in_row(i).for_each(|(j, w)| add(j, *w));
+                for (c, motion) in modes.at(i) {
+                    let of_column = |l: usize| if l == c % D { 1.0 } else { 0.0 };
+                    add(n + c / D, Block::from_fn(|k, l| motion[k] * of_column(l)));
+                }
+            });
+            let analysis = Analysis::new(&blocks)?;
+            let _ = self.bordered.set(Arc::new(Whole { blocks, analysis }));
+        }
+        Ok(self.bordered.get().map(Arc::as_ref))
+    }
+
     /// Computes `v = W r + R a + q`.
     #[must_use]
     pub fn relative_displacement(&self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
@@ -139,8 +185,8 @@ impl<'a, const D: usize> Reduced<'a, D> {
             for k in 0..D {
                 let mut sum = self.compliance.exact_row(i, k, r);
                 sum.add(self.q[i][k]);
-                for (mode, &amount) in self.rigid.modes.iter().zip(a) {
-                    sum.add_product(mode[i][k], amount);
+                for (c, motion) in self.rigid.modes.at(i) {
+                    sum.add_product(motion[k], a[c]);
                 }
                 value[k] = sum.value();
             }
@@ -160,13 +206,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
 
     /// `v += R a`.
     pub fn add_rigid(&self, a: &[f64], v: &mut [[f64; D]]) {
-        for (mode, &amount) in self.rigid.modes.iter().zip(a) {
-            for (value, motion) in v.iter_mut().zip(mode) {
-                for k in 0..D {
-                    value[k] += amount * motion[k];
-                }
-            }
-        }
+        self.rigid.modes.add_product(a, v);
     }
 }
 
@@ -183,16 +223,25 @@ pub struct Scaling<const D: usize> {
     pub to_v: Vec<f64>,
     /// `r̂ = to_r r`.
     pub to_r: Vec<f64>,
-    /// Orthonormal columns of the scaled rigid motions, `R̂ T = D R`.
-    pub modes: Vec<Vec<[f64; D]>>,
+    /// Columns of the scaled rigid motions, `R̂ T = D R`: orthonormal, of many of length 1.
+    pub modes: RigidMotions<D>,
     /// `ê = T⁻ᵀ e`, scaled as a force.
     pub load: Vec<f64>,
-    /// `T`, upper triangular, column by column.
-    triangle: Vec<Vec<f64>>,
+    basis: Basis,
     /// `a = T⁻¹ â · rigid_unit`.
     rigid_unit: f64,
     /// Forces are scaled by two to minus this.
     force_exponent: i32,
+}
+
+/// `T`.
+#[derive(Clone, Debug)]
+enum Basis {
+    /// Upper triangular, column by column.
+    Triangle(Vec<Vec<f64>>),
+    /// The lengths of the columns of `D R`, and the factor of `R̂ᵀ R̂`, by which lengths are those
+    /// with orthonormal columns: these would fill `R̂`.
+    Lengths(Vec<f64>, Arc<Factor>),
 }
 
 impl<const D: usize> Scaling<D> {
@@ -241,13 +290,28 @@ impl<const D: usize> Scaling<D> {
             .map(|&d| times_two_to(1.0 / d, -force_exponent))
             .collect();
 
-        let scaled = rigid.modes.iter().map(|mode| {
-            mode.iter()
-                .zip(&node)
-                .map(|(m, &d)| m.map(|c| c * d))
-                .collect::<Vec<_>>()
-        });
-        let (modes, triangle) = orthonormalise(scaled.collect())?;
+        let mut modes = rigid.modes.map(|i, _, motion| motion.map(|c| c * node[i]));
+        let many = modes.len() >= tuning::sparse_contacts() && compliance.is_sparse();
+        let pairs = modes.len().saturating_mul(compliance.contacts());
+        let basis = if many && modes.entries().saturating_mul(tuning::sparse_share()) <= pairs {
+            let lengths = modes.lengths();
+            if let Some(mode) = lengths.iter().position(|&length| length == 0.0) {
+                return Err(Error::DependentMotion { mode });
+            }
+            modes = modes.map(|_, c, motion| motion.map(|x| x / lengths[c]));
+            let rows = |row: usize, add: &mut dyn FnMut(usize, f64)| {
+                modes
+                    .at(row / D)
+                    .for_each(|(c, motion)| add(c, motion[row % D]));
+            };
+            let never = AtomicBool::new(false);
+            let gram = factor_gram(D * compliance.contacts(), lengths.len(), rows, &never)?;
+            Basis::Lengths(lengths, Arc::new(gram))
+        } else {
+            let (columns, triangle) = orthonormalise(modes.columns())?;
+            modes = columns.into();
+            Basis::Triangle(triangle)
+        };
         let usable = |s: &f64| s.is_finite() && *s > 0.0;
         if !to_v.iter().chain(&to_r).all(usable) {
             return Err(Error::Range { softest, free });
@@ -257,7 +321,7 @@ impl<const D: usize> Scaling<D> {
             to_r,
             modes,
             load: Vec::new(),
-            triangle,
+            basis,
             rigid_unit: times_two_to(1.0, displacement_exponent),
             force_exponent,
         };
@@ -268,8 +332,17 @@ impl<const D: usize> Scaling<D> {
     /// `ê = T⁻ᵀ e`, scaled as a force.
     #[must_use]
     pub fn scale_load(&self, e: &[f64]) -> Vec<f64> {
+        let triangle = match &self.basis {
+            Basis::Triangle(triangle) => triangle,
+            Basis::Lengths(lengths, _) => {
+                let scaled = e.iter().zip(lengths);
+                return scaled
+                    .map(|(e, length)| times_two_to(*e, -self.force_exponent) / length)
+                    .collect();
+            }
+        };
         let mut load: Vec<f64> = Vec::with_capacity(e.len());
-        for (column, e) in self.triangle.iter().zip(e) {
+        for (column, e) in triangle.iter().zip(e) {
             // Tᵀ ê = e, forward.
             let terms = column.iter().zip(&load);
             let solved: f64 = terms.map(|(t, x)| t * x).sum();
@@ -282,10 +355,19 @@ impl<const D: usize> Scaling<D> {
     #[must_use]
     pub fn rigid_from_scaled(&self, scaled: &[f64]) -> Vec<f64> {
         let mut a: Vec<f64> = scaled.iter().map(|x| x * self.rigid_unit).collect();
+        let triangle = match &self.basis {
+            Basis::Triangle(triangle) => triangle,
+            Basis::Lengths(lengths, _) => {
+                a.iter_mut()
+                    .zip(lengths)
+                    .for_each(|(a, length)| *a /= length);
+                return a;
+            }
+        };
         for j in (0..a.len()).rev() {
-            a[j] /= self.triangle[j][j];
+            a[j] /= triangle[j][j];
             let solved = a[j];
-            for (value, t) in a.iter_mut().zip(&self.triangle[j][..j]) {
+            for (value, t) in a.iter_mut().zip(&triangle[j][..j]) {
                 *value -= t * solved;
             }
         }
@@ -295,13 +377,63 @@ impl<const D: usize> Scaling<D> {
     /// `â = T a`.
     #[must_use]
     pub fn rigid_to_scaled(&self, a: &[f64]) -> Vec<f64> {
+        let triangle = match &self.basis {
+            Basis::Triangle(triangle) => triangle,
+            Basis::Lengths(lengths, _) => {
+                let pairs = a.iter().zip(lengths);
+                return pairs
+                    .map(|(a, length)| a / self.rigid_unit * length)
+                    .collect();
+            }
+        };
         let mut scaled = vec![0.0; a.len()];
-        for (column, x) in self.triangle.iter().zip(a) {
+        for (column, x) in triangle.iter().zip(a) {
             for (value, t) in scaled.iter_mut().zip(column) {
                 *value += t * x / self.rigid_unit;
             }
         }
         scaled
+    }
+
+    /// Whether `R̂` is sparse, and its columns not orthonormal.
+    #[must_use]
+    pub fn is_sparse(&self) -> bool {
+        matches!(self.basis, Basis::Lengths(..))
+    }
+
+    /// The length of forces on the rigid motions, that with orthonormal columns.
+    #[must_use]
+    pub fn force_norm(&self, forces: &[f64]) -> f64 {
+        match &self.basis {
+            Basis::Triangle(_) => norm(forces),
+            Basis::Lengths(_, gram) => {
+                let mut scaled = forces.to_vec();
+                gram.condense(&mut scaled, 1);
+                norm(&scaled)
+            }
+        }
+    }
+
+    /// The `â` for which `R̂ â` is nearest to `v̂`.
+    #[must_use]
+    pub fn fit(&self, v: &[[f64; D]]) -> Vec<f64> {
+        let mut fitted = self.modes.work(v, &vec![1.0; v.len()]);
+        if let Basis::Lengths(_, gram) = &self.basis {
+            gram.condense(&mut fitted, 1);
+            gram.recover(&mut fitted, 1);
+        }
+        fitted
+    }
+
+    /// The length of `R̂ â`.
+    #[must_use]
+    pub fn motion_norm(&self, scaled: &[f64]) -> f64 {
+        if !self.is_sparse() {
+            return norm(scaled);
+        }
+        let mut v = vec![[0.0; D]; self.to_v.len()];
+        self.modes.add_product(scaled, &mut v);
+        norm(v.as_flattened())
     }
 
     /// `‖r̂‖` of a reaction.

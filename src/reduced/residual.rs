@@ -145,7 +145,7 @@ pub fn residual<const D: usize>(
 /// that grows without bound, because `‖F(0)‖` grows with it.
 #[must_use]
 pub fn merit<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
-    let imbalance = norm(&scaled_imbalance(problem, r));
+    let imbalance = problem.scaling.force_norm(&scaled_imbalance(problem, r));
     law_norm(problem, r, v, |_, _| ()).hypot(imbalance)
 }
 
@@ -155,10 +155,8 @@ fn relative<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], law: f64, whol
     if problem.rigid.modes.is_empty() {
         return law;
     }
-    law.max(ratio(
-        norm(&scaled_imbalance(problem, r)),
-        force_size(problem, r),
-    ))
+    let imbalance = problem.scaling.force_norm(&scaled_imbalance(problem, r));
+    law.max(ratio(imbalance, force_size(problem, r)))
 }
 
 /// `‖F(r)‖`; calls `report` with the status of each contact.
@@ -203,7 +201,7 @@ fn size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 
 fn force_size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> f64 {
     /// `4 ε ‖r̂‖` is below [`WORST_FLOOR`] times this share of `‖r̂‖`.
     const LEAST: f64 = 1e-9;
-    let load = norm(&problem.scaling.load);
+    let load = problem.scaling.force_norm(&problem.scaling.load);
     let reactions = problem.scaling.reaction_norm(r);
     if load > 0.0 {
         load.max(LEAST * reactions)
@@ -216,18 +214,8 @@ fn force_size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> f64 {
 #[must_use]
 pub fn scaled_imbalance<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
     let scaling = &problem.scaling;
-    let of_mode = |(mode, load): (&Vec<[f64; D]>, &f64)| {
-        let work = mode.iter().zip(r).zip(&scaling.to_r);
-        work.map(|((m, x), s)| (0..D).map(|k| m[k] * x[k]).sum::<f64>() * s)
-            .sum::<f64>()
-            + load
-    };
-    scaling
-        .modes
-        .iter()
-        .zip(&scaling.load)
-        .map(of_mode)
-        .collect()
+    let work = scaling.modes.work(r, &scaling.to_r);
+    work.iter().zip(&scaling.load).map(|(w, e)| w + e).collect()
 }
 
 /// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction; infinite if it is
@@ -239,8 +227,8 @@ fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f6
     let scaling = &problem.scaling;
     let rows = problem.q.iter().zip(&scaling.to_v);
     let q: Vec<f64> = rows.flat_map(|(q, s)| q.map(|c| c * s)).collect();
-    let longest = tuning::longest_motion() * norm(&q).max(norm(&scaling.load));
-    let motion = norm(&scaling.rigid_to_scaled(a));
+    let longest = tuning::longest_motion() * norm(&q).max(scaling.force_norm(&scaling.load));
+    let motion = scaling.motion_norm(&scaling.rigid_to_scaled(a));
     let share = if motion > longest {
         longest / motion
     } else {
@@ -277,7 +265,7 @@ struct Rounding {
 /// size. A larger motion grows without bound; its rounding is no reason for a larger tolerance.
 fn needed<const D: usize>(problem: &Reduced<D>, still: &[[f64; D]], a: &[f64]) -> f64 {
     let scaling = &problem.scaling;
-    let motion = norm(&scaling.rigid_to_scaled(a));
+    let motion = scaling.motion_norm(&scaling.rigid_to_scaled(a));
     let rows = still.iter().zip(&scaling.to_v);
     let undone: Vec<f64> = rows.flat_map(|(v, s)| v.map(|c| c * s)).collect();
     let longest = tuning::longest_motion() * norm(&undone);
@@ -325,8 +313,8 @@ impl Rounding {
     ) -> Self {
         for (i, value) in terms.iter_mut().enumerate() {
             for k in 0..D {
-                let rigid = problem.rigid.modes.iter().zip(a);
-                value[k] += rigid.map(|(mode, a)| (mode[i][k] * a).abs()).sum::<f64>();
+                let rigid = problem.rigid.modes.at(i);
+                value[k] += rigid.map(|(c, mode)| (mode[k] * a[c]).abs()).sum::<f64>();
                 value[k] *= ROUNDING * problem.scaling.to_v[i];
             }
         }
@@ -340,8 +328,8 @@ impl Rounding {
         // along a wall is such an error; times a motion without bound it would look like
         // pressure.
         for (i, value) in terms.iter_mut().enumerate() {
-            let rigid = problem.rigid.modes.iter().zip(a);
-            let blur = rigid.map(|(mode, a)| norm(&mode[i]) * a.abs()).sum::<f64>();
+            let rigid = problem.rigid.modes.at(i);
+            let blur = rigid.map(|(c, mode)| norm(mode) * a[c].abs()).sum::<f64>();
             let blur = ROUNDING * problem.scaling.to_v[i] * blur;
             for c in value {
                 *c = c.max(blur);
@@ -372,7 +360,8 @@ impl Rounding {
         }
         let mut balance = 0.0;
         if !problem.rigid.modes.is_empty() {
-            let forces = problem.scaling.reaction_norm(r) + norm(&problem.scaling.load);
+            let load = problem.scaling.force_norm(&problem.scaling.load);
+            let forces = problem.scaling.reaction_norm(r) + load;
             balance = ROUNDING * ratio(forces, force_size(problem, r));
         }
         Self {

@@ -14,9 +14,7 @@ fitted! {
     sparse_contacts: usize = 64;
     sparse_share: usize = 6;
 
-    // balance.rs
-    /// Rounds for each rigid motion within which the resistance must halve.
-    balance_patience: usize = 10;
+    // runaway.rs
     /// A body slides away if its rigid motion is this many times its deformation.
     runaway_motion: f64 = 30.0;
     /// The iteration finds that motion inexactly: it may penetrate a contact by this share.

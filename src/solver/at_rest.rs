@@ -13,7 +13,6 @@ use crate::equilibrium::programme::Limits;
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::linalg::least_squares;
 use crate::linalg::small::norm;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::existence::works;
@@ -24,9 +23,6 @@ use crate::solver::solution::Solution;
 /// Rounding of `q`, relative to its terms `R b`.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// With more motions, whether they cancel `q` is not asked unless it is zero.
-const FEW_MOTIONS: usize = 200;
-
 /// The contacts of a problem, in its order.
 ///
 /// # Errors
@@ -35,10 +31,10 @@ pub fn of_problem<const D: usize>(problem: &Reduced<D>) -> Result<Statics, Error
     let mut rows = OwnedMatrix::default();
     for contact in 0..problem.contacts() {
         for k in 0..D {
-            for (motion, mode) in problem.rigid.modes.iter().enumerate() {
-                if mode[contact][k] != 0.0 {
+            for (motion, mode) in problem.rigid.modes.at(contact) {
+                if mode[k] != 0.0 {
                     rows.index.push(motion);
-                    rows.values.push(mode[contact][k]);
+                    rows.values.push(mode[k]);
                 }
             }
             rows.pointer.push(rows.index.len());
@@ -62,7 +58,7 @@ pub(super) fn ask<const D: usize>(
     stop: &AtomicBool,
     seconds: f64,
 ) -> Result<Decision, Error> {
-    let limits = Limits { stop, seconds };
+    let limits = Limits::new(stop, seconds);
     let mut decision = decide(&of_problem(problem)?, &problem.rigid.load, limits)?;
     if decision.verdict == Verdict::None && !works(problem, &decision.motion) {
         decision.verdict = Verdict::Undecided;
@@ -80,17 +76,20 @@ pub(super) fn find_rest<const D: usize>(problem: &Reduced<D>) -> Option<Vec<f64>
     if !rigid || still {
         return rigid.then(|| vec![0.0; modes.len()]);
     }
-    if modes.len() > FEW_MOTIONS {
-        return None;
+    let (scaling, nothing) = (&problem.scaling, vec![[0.0; D]; problem.contacts()]);
+    let mut motion = vec![0.0; modes.len()];
+    let mut left = problem.q.clone();
+    // The second and third step correct the rounding of the first.
+    for _ in 0..3 {
+        let scaled = left.iter().zip(&scaling.to_v);
+        let scaled: Vec<[f64; D]> = scaled.map(|(v, s)| v.map(|x| x * s)).collect();
+        let step = scaling.rigid_from_scaled(&scaling.fit(&scaled));
+        motion.iter_mut().zip(step).for_each(|(a, step)| *a -= step);
+        left = problem.relative_displacement(&nothing, &motion);
     }
-    let columns: Vec<&[f64]> = modes.iter().map(|mode| mode.as_flattened()).collect();
-    let right: Vec<f64> = problem.q.as_flattened().iter().map(|q| -q).collect();
-    let motion = least_squares::solve(&columns, &right);
-    let mut terms = norm(&right);
-    for (column, amount) in columns.iter().zip(&motion) {
-        terms += norm(column) * amount.abs();
-    }
-    let left = problem.relative_displacement(&vec![[0.0; D]; problem.contacts()], &motion);
+    let sizes = modes.lengths().into_iter().zip(&motion);
+    let terms = sizes.map(|(length, a)| length * a.abs()).sum::<f64>();
+    let terms = norm(problem.q.as_flattened()) + terms;
     (norm(left.as_flattened()) <= ROUNDING * terms).then_some(motion)
 }
 
@@ -129,7 +128,7 @@ pub fn solve_at_rest<const D: usize>(
         outcome: match decision.verdict {
             Verdict::None => Outcome::NoEquilibrium,
             Verdict::Balanced if residual <= tolerance => Outcome::Converged,
-            _ if seconds >= limits.seconds => Outcome::TimeLimit,
+            _ if limits.seconds_left() == 0.0 => Outcome::TimeLimit,
             _ => Outcome::Stalled,
         },
         free_motion: decision.motion,

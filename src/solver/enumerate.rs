@@ -143,9 +143,13 @@ pub fn few<const D: usize>(
     let dense = Cow::Owned(whole.to_dense());
     let compliance = Compliance::<2>::from_dense(problem.contacts(), dense)?;
     // Numbering of the caller for the copy, positions for the results.
-    let modes = problem.rigid.modes.iter();
+    let modes = problem.rigid.modes.columns();
+    let modes: Vec<_> = modes
+        .iter()
+        .map(|mode| plane(&whole.scatter(mode)))
+        .collect();
     let rigid = Rigid {
-        modes: modes.map(|mode| plane(&whole.scatter(mode))).collect(),
+        modes: modes.into(),
         load: problem.rigid.load.clone(),
     };
     let q = plane(&whole.scatter(&problem.q));
@@ -223,7 +227,7 @@ impl Tableau {
             }
         }
         constants[2 * contacts..].copy_from_slice(&scaling.load);
-        for (c, mode) in scaling.modes.iter().enumerate() {
+        for (c, mode) in scaling.modes.columns().iter().enumerate() {
             let place = 2 * contacts + c;
             for (i, &motion) in mode.as_flattened().iter().enumerate() {
                 columns[place * height + i] = motion;

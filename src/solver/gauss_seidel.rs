@@ -90,8 +90,8 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         let scaling = &problem.scaling;
         let blocks = (0..problem.contacts()).map(|i| {
             let mut block = problem.compliance.block(i);
-            for mode in &scaling.modes {
-                let motion = Vector::<D>::from(mode[i]);
+            for (_, mode) in scaling.modes.at(i) {
+                let motion = Vector::<D>::from(*mode);
                 block += motion
                     * motion.transpose()
                     * (scaling.to_r[i] / scaling.to_v[i] / tuning::sweep_delta());
@@ -139,9 +139,9 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     /// `W r + q` of one contact, with the rigid motion.
     fn with_rigid(&self, i: usize, v: &[f64; D], motion: &[f64]) -> [f64; D] {
         let mut v = *v;
-        for (mode, amount) in self.problem.scaling.modes.iter().zip(motion) {
-            for (value, m) in v.iter_mut().zip(&mode[i]) {
-                *value += m * amount / self.problem.scaling.to_v[i];
+        for (c, mode) in self.problem.scaling.modes.at(i) {
+            for (value, m) in v.iter_mut().zip(mode) {
+                *value += m * motion[c] / self.problem.scaling.to_v[i];
             }
         }
         v
@@ -280,10 +280,10 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 continue;
             }
             self.problem.compliance.add_column(i, &dr, &mut point.v);
-            for ((mode, s), a) in scaling.modes.iter().zip(&mut point.s).zip(&mut motion) {
-                let ds = (0..D).map(|k| mode[i][k] * dr[k]).sum::<f64>() * scaling.to_r[i];
-                *s += ds;
-                *a += ds / tuning::sweep_delta();
+            for (c, mode) in scaling.modes.at(i) {
+                let ds = (0..D).map(|k| mode[k] * dr[k]).sum::<f64>() * scaling.to_r[i];
+                point.s[c] += ds;
+                motion[c] += ds / tuning::sweep_delta();
             }
             point.r[i] = next;
         }

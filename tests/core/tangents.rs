@@ -101,7 +101,7 @@ fn work<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
         let terms = mode.as_flattened().iter().zip(r.as_flattened());
         terms.map(|(m, r)| m * r).sum()
     };
-    problem.rigid.modes.iter().map(of).collect()
+    problem.rigid.modes.columns().iter().map(of).collect()
 }
 
 fn largest(x: &[f64]) -> f64 {

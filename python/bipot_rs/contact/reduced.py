@@ -181,9 +181,15 @@ class ReducedProblem:
     @cached_property
     def _problem(self) -> _core.Reduced:
         """The problem in the core."""
-        R = self._dense_motions
-        modes = np.ascontiguousarray(R.T)
         force = np.empty(0) if self.rigid is None else self.rigid[1]
+        rows, columns = self.q.size, len(force)
+        if isinstance(self._R, np.ndarray):
+            starts = np.arange(0, rows * columns + 1, max(columns, 1))
+            modes = starts, np.tile(np.arange(columns), rows), self._R.ravel()
+        else:
+            from bipot_rs.contact.proof.cone_set import csr_parts
+
+            modes = csr_parts(self._R)
         return _core.Reduced(self._parts, self.q, self.law, modes, force)
 
     @property

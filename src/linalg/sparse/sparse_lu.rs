@@ -148,6 +148,11 @@ impl<'s> SparseLu<'s> {
         }))
     }
 
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.analysis.order
+    }
+
     /// The sign of the determinant, 1 or −1.
     #[must_use]
     pub fn sign(&self) -> f64 {

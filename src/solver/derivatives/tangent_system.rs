@@ -145,7 +145,7 @@ impl TangentSystem {
         laws: &[ClosedLaw<D>],
         stop: &AtomicBool,
     ) -> Result<Option<Self>, Error> {
-        let modes = &problem.rigid.modes;
+        let modes = problem.rigid.modes.columns();
         let n = D * laws.len() + modes.len();
         memory::check("the tangent system", 8 * (n as u128).pow(2))?;
         let scaling = &problem.scaling;
@@ -158,7 +158,7 @@ impl TangentSystem {
                 columns.push(1.0 / to_r);
             }
         }
-        for mode in modes {
+        for mode in &modes {
             let terms = |to: &[f64]| {
                 let of_law = |law: &ClosedLaw<D>| {
                     let motion = Vector::from(mode[law.position]);
@@ -205,7 +205,7 @@ fn multiply(x: &mut [f64], factors: &[f64]) {
 
 /// Rows of the matrix.
 fn matrix<const D: usize>(problem: &Reduced<D>, laws: &[ClosedLaw<D>]) -> Vec<f64> {
-    let modes = &problem.rigid.modes;
+    let modes = problem.rigid.modes.columns();
     let contact = D * laws.len();
     let n = contact + modes.len();
     let mut matrix = pages::zeros(n * n);

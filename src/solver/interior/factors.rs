@@ -12,6 +12,7 @@ use crate::solver::interior::system::{Missed, System};
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::compliance_form::sparse_cost;
 use crate::solver::newton::linearisation::factorisation_cost;
+use crate::solver::tuning;
 
 /// A step.
 pub(super) struct InteriorStep<const D: usize> {
@@ -72,9 +73,20 @@ impl<'p, const D: usize> System<'p, D> {
             Block::from_fn(|k, l| scale[i][k] * block[(k, l)] * scale[j][l])
         };
         let modes = problem.scaling.modes.len();
-        let inner = if let Some(whole) = compliance.whole()? {
+        let inner = if let Some(whole) = problem.whole()? {
             monitor.count(sparse_cost(whole));
-            let matrix = whole.blocks.map(entry);
+            let n = s.len();
+            let border = |i: usize, w: &Block<D>| {
+                let block = self.border(i, w);
+                Block::from_fn(|k, l| scale[i][k] * block[(k, l)])
+            };
+            let matrix = whole.blocks.map(|i, j, w| match (i < n, j < n) {
+                (true, true) => entry(i, j, w),
+                (true, false) => border(i, w),
+                (false, true) => border(j, &w.transpose()).transpose(),
+                (false, false) if i == j => Block::identity() * -tuning::least_motion_pivot(),
+                (false, false) => Block::zeros(),
+            });
             SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Factorisation::Sparse)
         } else {
             let order = D * s.len();
@@ -101,16 +113,15 @@ impl<'p, const D: usize> System<'p, D> {
             border: Vec::new(),
             balance: None,
         };
-        if modes > 0 {
-            factors.border = (0..modes)
-                .map(|c| factors.solve_contacts(&self.mode(c)))
+        if modes > 0 && !factors.has_motions() {
+            let columns = self.motions.columns().into_iter();
+            let columns = columns.map(|column| column.into_iter().map(Vector::from).collect());
+            factors.border = columns
+                .map(|column: Vec<_>| factors.solve_contacts(&column, &mut []))
                 .collect();
-            let rows = (0..modes).map(|c| self.mode(c));
-            let matrix = rows.flat_map(|mode| {
-                let along = |column: &Vec<Vector<D>>| along(&mode, column);
-                factors.border.iter().map(along).collect::<Vec<_>>()
-            });
-            let matrix: Vec<f64> = matrix.collect();
+            let works: Vec<_> = factors.border.iter().map(|x| self.work(x)).collect();
+            let rows = (0..modes).flat_map(|c| works.iter().map(move |w| w[c]));
+            let matrix: Vec<f64> = rows.collect();
             let never = AtomicBool::new(false);
             let Some(lu) = Lu::new(matrix, modes, &never)? else {
                 return Ok(None);
@@ -119,10 +130,6 @@ impl<'p, const D: usize> System<'p, D> {
         }
         Ok(Some(factors))
     }
-}
-
-fn along<const D: usize>(x: &[Vector<D>], y: &[Vector<D>]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x.dot(y)).sum()
 }
 
 enum Factorisation<'w> {
@@ -169,14 +176,25 @@ impl<const D: usize> Factors<'_, '_, D> {
             .collect()
     }
 
-    /// `(A + N P²)⁻¹ b`.
-    fn solve_contacts(&self, b: &[Vector<D>]) -> Vec<Vector<D>> {
+    /// Whether the factors are those of the matrix with its border.
+    fn has_motions(&self) -> bool {
+        let sparse = matches!(self.inner, Factorisation::Sparse(_));
+        sparse && self.system.problem.scaling.is_sparse()
+    }
+
+    /// `(A + N P²)⁻¹ b`; with a border, its solution for `a` too.
+    fn solve_contacts(&self, b: &[Vector<D>], a: &mut [f64]) -> Vec<Vector<D>> {
         let scaled = b.iter().zip(&self.scale);
         let mut x: Vec<f64> = scaled
             .flat_map(|(b, scale)| <[f64; D]>::from(b.component_mul(scale)))
             .collect();
         match &self.inner {
-            Factorisation::Sparse(factors) => factors.solve(&mut x),
+            Factorisation::Sparse(factors) => {
+                x.extend(&*a);
+                x.resize(factors.order(), 0.0);
+                factors.solve(&mut x);
+                a.copy_from_slice(&x[D * b.len()..][..a.len()]);
+            }
             Factorisation::Dense(factors) => factors.solve(&mut x),
         }
         let (x, _) = x.as_chunks::<D>();
@@ -187,13 +205,15 @@ impl<const D: usize> Factors<'_, '_, D> {
     }
 
     fn solve_bordered(&self, b: &[Vector<D>], balance: &[f64]) -> (Vec<Vector<D>>, Vec<f64>) {
-        let mut x = self.solve_contacts(b);
+        if self.has_motions() {
+            let mut a = balance.to_vec();
+            return (self.solve_contacts(b, &mut a), a);
+        }
+        let mut x = self.solve_contacts(b, &mut []);
         let mut a = Vec::new();
         if let Some(lu) = &self.balance {
-            let modes = 0..self.border.len();
-            a = modes
-                .map(|c| along(&self.system.mode(c), &x) - balance[c])
-                .collect();
+            let work = self.system.work(&x);
+            a = work.iter().zip(balance).map(|(w, s)| w - s).collect();
             lu.solve(&mut a);
             for (column, amount) in self.border.iter().zip(&a) {
                 for (x, c) in x.iter_mut().zip(column) {
@@ -218,14 +238,13 @@ impl<const D: usize> Factors<'_, '_, D> {
         for (i, value) in left.iter_mut().enumerate() {
             *value = b[i] - *value - self.of_law[i] * x[i];
         }
-        let mut unbalanced = balance.to_vec();
-        for (c, amount) in a.iter().enumerate() {
-            let mode = system.mode(c);
-            unbalanced[c] -= along(&mode, x);
-            for (value, m) in left.iter_mut().zip(&mode) {
-                *value -= m * *amount;
+        for (i, value) in left.iter_mut().enumerate() {
+            for (c, m) in system.motions.at(i) {
+                *value -= Vector::from(*m) * a[c];
             }
         }
+        let work = system.work(x);
+        let unbalanced = balance.iter().zip(work).map(|(s, w)| s - w).collect();
         (left, unbalanced)
     }
 
@@ -240,14 +259,17 @@ impl<const D: usize> Factors<'_, '_, D> {
             .collect();
         let balance: Vec<f64> = right.imbalance.iter().map(|x| -x).collect();
         let (mut z, mut a) = self.solve_bordered(&b, &balance);
-        // Rows are exchanged within fronts only: one refinement corrects the error.
-        let (left, unbalanced) = self.find_remainder((&b, &balance), (&z, &a));
-        let (dz, da) = self.solve_bordered(&left, &unbalanced);
-        for (z, dz) in z.iter_mut().zip(&dz) {
-            *z += dz;
-        }
-        for (a, da) in a.iter_mut().zip(&da) {
-            *a += da;
+        // Rows are exchanged within fronts only: one refinement corrects the error, and more that
+        // of the pivots of motions.
+        for _ in 0..if self.has_motions() { 3 } else { 1 } {
+            let (left, unbalanced) = self.find_remainder((&b, &balance), (&z, &a));
+            let (dz, da) = self.solve_bordered(&left, &unbalanced);
+            for (z, dz) in z.iter_mut().zip(&dz) {
+                *z += dz;
+            }
+            for (a, da) in a.iter_mut().zip(&da) {
+                *a += da;
+            }
         }
         let s = (0..z.len())
             .map(|i| {

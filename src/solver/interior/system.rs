@@ -6,6 +6,7 @@ use crate::law::second_order;
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
+use crate::reduced::rigid_motions::RigidMotions;
 use crate::solver::newton::linearisation::movable;
 use crate::solver::tuning;
 
@@ -15,6 +16,8 @@ pub(super) struct System<'p, const D: usize> {
     /// Diagonals of `S`; a frictionless contact has only its normal component.
     stretch: Vec<Vector<D>>,
     smoothing: f64,
+    /// `B`.
+    pub(super) motions: RigidMotions<D>,
 }
 
 /// The residual of a point.
@@ -50,11 +53,11 @@ impl<'p, const D: usize> System<'p, D> {
     pub(super) fn new(problem: &'p Reduced<'p, D>, smoothing: f64) -> Result<Option<Self>, Error> {
         let n = problem.contacts();
         let modes = problem.scaling.modes.len();
-        match problem.compliance.whole()? {
+        match problem.whole()? {
             Some(whole) => {
                 let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
-                if modes > tuning::most_dense() || memory::check("the factors of W", bytes).is_err()
-                {
+                let many = modes > tuning::most_dense() && !problem.scaling.is_sparse();
+                if many || memory::check("the factors of W", bytes).is_err() {
                     return Ok(None);
                 }
             }
@@ -69,9 +72,12 @@ impl<'p, const D: usize> System<'p, D> {
             diagonal[0] = if mu > 0.0 { 1.0 / mu } else { 1.0 };
             diagonal
         });
+        let stretch: Vec<Vector<D>> = stretch.collect();
+        let stretched = |i: usize, m: &[f64; D]| Vector::from(*m).component_mul(&stretch[i]).into();
         Ok(Some(Self {
             problem,
-            stretch: stretch.collect(),
+            motions: problem.scaling.modes.map(|i, _, m| stretched(i, m)),
+            stretch,
             smoothing,
         }))
     }
@@ -119,11 +125,15 @@ impl<'p, const D: usize> System<'p, D> {
         slope
     }
 
-    /// A column of `B`.
-    pub(super) fn mode(&self, c: usize) -> Vec<Vector<D>> {
-        let mode = self.problem.scaling.modes[c].iter().zip(&self.stretch);
-        mode.map(|(m, stretch)| Vector::from(*m).component_mul(stretch))
-            .collect()
+    /// `Bᵀ x`.
+    pub(super) fn work(&self, x: &[Vector<D>]) -> Vec<f64> {
+        let x: Vec<[f64; D]> = x.iter().map(|x| (*x).into()).collect();
+        self.motions.work(&x, &vec![1.0; x.len()])
+    }
+
+    /// A block of `R̂` or its transpose as one of `B`; `contact` is that of its rows.
+    pub(super) fn border(&self, contact: usize, w: &Block<D>) -> Block<D> {
+        Block::from_fn(|k, l| self.stretch[contact][k] * w[(k, l)])
     }
 
     /// The block `A_ij` from `W_ij`.

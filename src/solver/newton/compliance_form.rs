@@ -34,7 +34,7 @@ pub fn is_free<const D: usize>(problem: &Reduced<D>, node: usize, status: Status
 /// Cost of a step with `n` unknowns, in products with `W`.
 #[must_use]
 pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
-    match problem.compliance.whole() {
+    match problem.whole() {
         Ok(Some(whole)) => return sparse_cost(whole),
         Ok(None) => {}
         Err(_) => return f64::INFINITY,
@@ -141,7 +141,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
         let mut x = self.right(r, imbalance, count);
-        if let Some(whole) = self.problem.compliance.whole()? {
+        if let Some(whole) = self.problem.whole()? {
             // Both triangles; the count has one.
             let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
             if memory::check("the factors of W", bytes).is_err() {
@@ -242,16 +242,16 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                     out[i * n + row.first + j] += row.by_r[(i, j)] + self.shift * row.by_v[(i, j)];
                 }
             }
-            for (c, mode) in modes.iter().enumerate() {
-                let motion = row.by_v * Vector::from(mode[row.node]);
+            for (c, mode) in modes.at(row.node) {
+                let motion = row.by_v * Vector::from(*mode);
                 for i in 0..row.width {
                     out[i * n + self.contact + c] = motion[i];
                 }
             }
         });
-        for (mode, out) in modes.iter().zip(border.chunks_exact_mut(n.max(1))) {
-            for row in &self.rows {
-                out[row.first..row.first + row.width].copy_from_slice(&mode[row.node][..row.width]);
+        for row in &self.rows {
+            for (c, mode) in modes.at(row.node) {
+                border[c * n + row.first..][..row.width].copy_from_slice(&mode[..row.width]);
             }
         }
         matrix
@@ -276,13 +276,8 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             let known = -row.value - row.by_v * v;
             right.extend(&known.as_slice()[..row.width]);
         }
-        for (mode, s) in scaling.modes.iter().zip(imbalance) {
-            let terms = mode.iter().zip(&released).zip(&scaling.to_r);
-            let gone: f64 = terms
-                .map(|((m, r), s)| (0..D).map(|k| m[k] * r[k]).sum::<f64>() * s)
-                .sum();
-            right.push(-s - gone);
-        }
+        let gone = scaling.modes.work(&released, &scaling.to_r);
+        right.extend(imbalance.iter().zip(gone).map(|(s, gone)| -s - gone));
         right
     }
 
@@ -335,8 +330,8 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         let mut y = Vec::with_capacity(x.len());
         for (row, v) in self.rows.iter().zip(v) {
             let mut v = Vector::from(v) * scaling.to_v[row.node];
-            for (mode, amount) in scaling.modes.iter().zip(amounts) {
-                v += Vector::from(mode[row.node]) * *amount;
+            for (c, mode) in scaling.modes.at(row.node) {
+                v += Vector::from(*mode) * amounts[c];
             }
             let mut own = Vector::<D>::zeros();
             for k in 0..row.width {
@@ -345,8 +340,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             let value = row.by_r * own + row.by_v * (v + own * self.shift);
             y.extend(&value.as_slice()[..row.width]);
         }
-        let own = scaling.modes.iter().map(|mode| balance(self, mode, x));
-        y.extend(own);
+        y.extend(balance(self, x));
         Ok(y)
     }
 }
@@ -381,8 +375,20 @@ impl<'w, const D: usize> ContactInverse<'w, D> {
         for row in &system.rows {
             rows[row.node] = Some(row);
         }
+        let n = rows.len();
         let matrix = whole.blocks.map(|i, j, w| {
-            let scale = scaling.to_v[i] / scaling.to_r[j];
+            if i >= n {
+                return match rows.get(j) {
+                    Some(Some(row)) => row.columns(w),
+                    None if i == j => Block::identity() * -tuning::least_motion_pivot(),
+                    _ => Block::zeros(),
+                };
+            }
+            let scale = if j < n {
+                scaling.to_v[i] / scaling.to_r[j]
+            } else {
+                1.0
+            };
             match rows[i] {
                 Some(row) if i == j => row.own(&(w * scale), system.shift),
                 Some(row) => row.of_others(&(w * scale)),
@@ -407,11 +413,19 @@ impl<'w, const D: usize> ContactInverse<'w, D> {
                 }
             }
             Self::Factors(factors) => {
-                let mut all = vec![0.0; D * system.problem.contacts()];
+                let mut all = vec![0.0; factors.order()];
                 for row in &system.rows {
                     all[D * row.node..][..row.width].copy_from_slice(&x[places(row)]);
                 }
+                // None, unless the factors have those of rigid motions.
+                let first = D * system.problem.contacts();
+                for (value, x) in all[first..].iter_mut().zip(&x[system.contact..]) {
+                    *value = *x;
+                }
                 factors.solve(&mut all);
+                for (value, x) in all[first..].iter().zip(&mut x[system.contact..]) {
+                    *x = *value;
+                }
                 for row in &system.rows {
                     x[places(row)].copy_from_slice(&all[D * row.node..][..row.width]);
                 }
@@ -430,6 +444,15 @@ impl<const D: usize> ClosedContact<D> {
         block
     }
 
+    /// The block of its columns in the rows of rigid motions.
+    fn columns(&self, w: &Block<D>) -> Block<D> {
+        let mut block = *w;
+        for k in self.width..D {
+            block.fill_column(k, 0.0);
+        }
+        block
+    }
+
     /// Its diagonal block; components that are not unknowns are unchanged.
     fn own(&self, w: &Block<D>, shift: f64) -> Block<D> {
         let mut block = self.by_r + self.by_v * (w + Block::identity() * shift);
@@ -442,7 +465,8 @@ impl<const D: usize> ClosedContact<D> {
     }
 }
 
-/// The preconditioner of the contacts, with the columns of rigid motions.
+/// The preconditioner of the contacts, with the columns of rigid motions unless the factors have
+/// them.
 struct ContactPreconditioner<'w, const D: usize> {
     inner: ContactInverse<'w, D>,
     /// `D⁻¹ C`, with `C` the columns of `â`, one for each rigid motion.
@@ -459,7 +483,10 @@ impl<'w, const D: usize> ContactPreconditioner<'w, D> {
             border: Vec::new(),
             balance: None,
         };
-        for mode in &scaling.modes {
+        if scaling.is_sparse() && matches!(this.inner, ContactInverse::Factors(_)) {
+            return Ok(this);
+        }
+        for mode in scaling.modes.columns() {
             let mut column = vec![0.0; system.contact];
             for row in &system.rows {
                 let motion = row.by_v * Vector::from(mode[row.node]);
@@ -470,12 +497,9 @@ impl<'w, const D: usize> ContactPreconditioner<'w, D> {
             this.border.push(column);
         }
         if !scaling.modes.is_empty() {
-            let rows = scaling.modes.iter();
-            let matrix = rows.flat_map(|mode| {
-                let along = |column: &Vec<f64>| balance(system, mode, column);
-                this.border.iter().map(along).collect::<Vec<_>>()
-            });
-            let matrix: Vec<f64> = matrix.collect();
+            let works: Vec<_> = this.border.iter().map(|x| balance(system, x)).collect();
+            let rows = (0..scaling.modes.len()).flat_map(|c| works.iter().map(move |w| w[c]));
+            let matrix: Vec<f64> = rows.collect();
             let never = AtomicBool::new(false);
             this.balance = Lu::new(matrix, scaling.modes.len(), &never)?;
         }
@@ -483,12 +507,14 @@ impl<'w, const D: usize> ContactPreconditioner<'w, D> {
     }
 
     fn apply(&self, system: &ComplianceForm<D>, x: &mut [f64]) {
+        let Some(lu) = &self.balance else {
+            self.inner.solve(system, x);
+            return;
+        };
         let (contact, amounts) = x.split_at_mut(system.contact);
         self.inner.solve(system, contact);
-        let Some(lu) = &self.balance else { return };
-        let modes = &system.problem.scaling.modes;
-        for (amount, mode) in amounts.iter_mut().zip(modes) {
-            *amount = balance(system, mode, contact) - *amount;
+        for (amount, work) in amounts.iter_mut().zip(balance(system, contact)) {
+            *amount = work - *amount;
         }
         lu.solve(amounts);
         for (column, amount) in self.border.iter().zip(amounts) {
@@ -499,14 +525,15 @@ impl<'w, const D: usize> ContactPreconditioner<'w, D> {
     }
 }
 
-/// The work of the contact unknowns on one rigid motion.
-fn balance<const D: usize>(system: &ComplianceForm<D>, mode: &[[f64; D]], x: &[f64]) -> f64 {
-    let of_row = |row: &ClosedContact<D>| {
+/// The work of the contact unknowns on each rigid motion.
+fn balance<const D: usize>(system: &ComplianceForm<D>, x: &[f64]) -> Vec<f64> {
+    let modes = &system.problem.scaling.modes;
+    let mut work = vec![0.0; modes.len()];
+    for row in &system.rows {
         let own = &x[row.first..row.first + row.width];
-        own.iter()
-            .zip(&mode[row.node])
-            .map(|(x, m)| x * m)
-            .sum::<f64>()
-    };
-    system.rows.iter().map(of_row).sum()
+        for (c, mode) in modes.at(row.node) {
+            work[c] += own.iter().zip(mode).map(|(x, m)| x * m).sum::<f64>();
+        }
+    }
+    work
 }

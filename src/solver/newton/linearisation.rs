@@ -188,6 +188,6 @@ fn hold<const D: usize>(
 /// Whether a reaction moves a component of a contact.
 #[must_use]
 pub fn movable<const D: usize>(problem: &Reduced<D>, node: usize, k: usize) -> bool {
-    let mut modes = problem.scaling.modes.iter();
-    problem.compliance.block(node)[(k, k)] > 0.0 || modes.any(|mode| mode[node][k] != 0.0)
+    let mut modes = problem.scaling.modes.at(node);
+    problem.compliance.block(node)[(k, k)] > 0.0 || modes.any(|(_, mode)| mode[k] != 0.0)
 }

@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::alart_curnier::Linearised;
 use crate::law::frozen::Frozen;
-use crate::linalg::small::{length, norm};
+use crate::linalg::small::length;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual, scaled_imbalance};
 use crate::solver::monitor::{Monitor, NextStep};
@@ -131,7 +131,7 @@ impl<const D: usize> Near<D> {
                 largest = largest.max((x - y).abs());
             }
         }
-        let imbalance = norm(&scaled_imbalance(problem, r));
+        let imbalance = scaling.force_norm(&scaled_imbalance(problem, r));
         length(squares, largest).hypot(imbalance)
     }
 

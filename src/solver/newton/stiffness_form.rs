@@ -94,9 +94,8 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
             let right = -at.value - at.by_r * dr - at.by_v * dv;
             x.extend(&right.as_slice()[u.from..]);
         }
-        for (mode, s) in scaling.modes.iter().zip(imbalance) {
-            x.push(-s - along(problem, mode, &known_r));
-        }
+        let work = scaling.modes.work(&known_r, &scaling.to_r);
+        x.extend(imbalance.iter().zip(work).map(|(s, w)| -s - w));
         if n > 0 {
             count(factorisation_cost(problem, n));
             let Some(lu) = Lu::new(self.matrix(&borders), n, stop)? else {
@@ -148,7 +147,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
     /// Columns `W⁻¹ R`, one for each `â` of length one.
     fn pushed_modes(&self) -> Vec<Vec<[f64; D]>> {
         let to_v = &self.problem.scaling.to_v;
-        let pushed = |mode: &Vec<[f64; D]>| {
+        let pushed = |mode: Vec<[f64; D]>| {
             let motion: Vec<[f64; D]> = mode
                 .iter()
                 .zip(to_v)
@@ -156,7 +155,8 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
                 .collect();
             self.response(&motion)
         };
-        self.problem.scaling.modes.iter().map(pushed).collect()
+        let modes = self.problem.scaling.modes.columns();
+        modes.into_iter().map(pushed).collect()
     }
 
     /// Rows of the matrix.
@@ -195,11 +195,12 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
             }
         });
         // R̂ᵀ dr̂ = R̂ᵀ Ŵ⁻¹ (dv̂ − R̂ dâ), because W is symmetric.
-        for (mode, (row, pushed)) in scaling
-            .modes
+        let works: Vec<_> = borders
             .iter()
-            .zip(border.chunks_exact_mut(n.max(1)).zip(borders))
-        {
+            .map(|other| scaling.modes.work(other, &scaling.to_r))
+            .collect();
+        let rows = border.chunks_exact_mut(n.max(1));
+        for (k, (row, pushed)) in rows.zip(borders).enumerate() {
             for u in &self.unknowns {
                 let scale = scaling.to_r[u.node];
                 let of_unit = &pushed[u.node];
@@ -207,18 +208,10 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
                     row[u.first + j - u.from] = of_unit[j] * scale;
                 }
             }
-            for (c, other) in borders.iter().enumerate() {
-                row[self.contact + c] = -along(self.problem, mode, other);
+            for (c, work) in works.iter().enumerate() {
+                row[self.contact + c] = -work[k];
             }
         }
         matrix
     }
-}
-
-/// `R̂_kᵀ r̂`.
-fn along<const D: usize>(problem: &Reduced<D>, mode: &[[f64; D]], r: &[[f64; D]]) -> f64 {
-    let terms = mode.iter().zip(r).zip(&problem.scaling.to_r);
-    terms
-        .map(|((m, r), s)| (0..D).map(|k| m[k] * r[k]).sum::<f64>() * s)
-        .sum()
 }

@@ -41,7 +41,6 @@ CLOSED, STICKS, ROWS, RIGHT = (
 EYE_ROWS = (np.arange(5), np.tile(np.arange(2), 2), np.ones(4))
 NO_ROWS = (np.zeros(1, np.int64), np.zeros(0, np.int64), NONE)
 PUSH = np.array([-1.0, 0.1])
-MODES = np.ascontiguousarray(np.tile(np.eye(2), (1, 2)))
 
 
 def csr(pointer: Any, index: Any, values: Any) -> tuple[Any, ...]:
@@ -154,8 +153,8 @@ def within_law(call: Call, k: int) -> Call:
 def entries() -> dict[str, tuple[Call, list[Any]]]:
     """Every function of the core with valid arguments."""
     condensed = _core.Condensed(EYE, EYE, GAP, LAW, np.zeros(0, np.int64), 2)
-    held = _core.Reduced(ISLAND, GAP, LAW, np.zeros((0, 4)), NONE)
-    floating = _core.Reduced(ISLAND, GAP, LAW, MODES, np.array([-1.0, 0.1]))
+    held = _core.Reduced(ISLAND, GAP, LAW, NO_ROWS, NONE)
+    floating = _core.Reduced(ISLAND, GAP, LAW, EYE_ROWS, np.array([-1.0, 0.1]))
     law = np.tile([0.0, 0.3], 2), np.zeros(2)
     statics = _core.Statics(EYE_ROWS, 2, np.array([2, 2]), *law)
     cones = _core.ConeSet(EYE_ROWS, np.ones(4), np.array([2, 2]), NO_ROWS, NONE, 2)
@@ -316,7 +315,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "step": (lambda *a: _core.Path(condensed).step(*a), [LOAD, NONE, GAP, *limits]),
         "Reduced": (
             lambda *a: within_law(_core.Reduced, 2)(*a).solve(*settings),
-            [ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1])],
+            [ISLAND, GAP, MU, EYE_ROWS, np.array([-1.0, 0.1])],
         ),
         "residual": (held.residual, [GAP, None]),
         "residual, floating": (floating.residual, [GAP, np.zeros(2)]),
@@ -324,7 +323,6 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "solve, floating": (lambda *a: floating.solve(*a, 1), [*limits, GAP, NONE]),
         "isotropic": (_core.isotropic, [MU, 3]),
         "isotropic, two": (_core.isotropic, [np.ones((2, 2)), 3]),
-        "is_unresisted": (floating.is_unresisted, [np.zeros(2)]),
         "is_contradiction": (held.is_contradiction, [np.zeros(2)]),
         "balances": (floating.balances, [np.zeros(2)]),
         "is_sparse": (_core.is_sparse, [9, 3]),
@@ -456,7 +454,7 @@ def test_no_panic(name: str) -> None:
         (lambda: ENTRIES["Reduced, assess"][0](GAP[:1]), "reaction"),
         (
             lambda: _core.Reduced(
-                [([0, 0], np.eye(4).ravel(), None)], GAP, LAW, MODES, NONE
+                [([0, 0], np.eye(4).ravel(), None)], GAP, LAW, EYE_ROWS, NONE
             ),
             "contact 0 is out of range, or twice",
         ),

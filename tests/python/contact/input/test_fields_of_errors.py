@@ -21,7 +21,7 @@ def refused(mu: float = 0.5, modes: int = 0) -> Exception:
             ISLAND,
             GAP,
             ContactLaw(np.array([mu])),
-            np.zeros((modes, 2)),
+            (np.zeros(3, np.int64), np.zeros(0, np.int64), np.zeros(0)),
             np.zeros(modes),
         )
     return caught.value
