@@ -49,12 +49,12 @@ pub fn runaway<const D: usize>(
     };
     let work = dot_long(&motion, &scaling.load);
     let free = work > LEAST_WORK * scaling.force_norm(&scaling.load) && (0..r.len()).all(opens);
-    free.then(|| of_largest_one(problem, &motion))
+    free.then(|| of_largest_one(problem, scaling.rigid_from_scaled(&motion)))
 }
 
-/// The unscaled rigid motion whose largest motion of a contact is 1.
-fn of_largest_one<const D: usize>(problem: &Reduced<D>, scaled: &[f64]) -> Vec<f64> {
-    let mut a = problem.scaling.rigid_from_scaled(scaled);
+/// The rigid motion along `a` whose largest motion of a contact is 1.
+#[must_use]
+pub fn of_largest_one<const D: usize>(problem: &Reduced<D>, mut a: Vec<f64>) -> Vec<f64> {
     let mut moved = vec![[0.0; D]; problem.contacts()];
     problem.add_rigid(&a, &mut moved);
     let lengths = moved

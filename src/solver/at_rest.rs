@@ -17,6 +17,7 @@ use crate::linalg::small::norm;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::existence::works;
 use crate::reduced::reduced::Reduced;
+use crate::reduced::runaway::of_largest_one;
 use crate::solver::outcome::Outcome;
 use crate::solver::solution::Solution;
 
@@ -62,6 +63,9 @@ pub(super) fn ask<const D: usize>(
     let mut decision = decide(&of_problem(problem)?, &problem.rigid.load, limits)?;
     if decision.verdict == Verdict::None && !works(problem, &decision.motion) {
         decision.verdict = Verdict::Undecided;
+    }
+    if decision.verdict == Verdict::None {
+        decision.motion = of_largest_one(problem, decision.motion);
     }
     Ok(decision)
 }

@@ -13,6 +13,7 @@ mod elliptic;
 mod error_bound;
 mod law;
 mod linear;
+mod many_bodies;
 mod multipliers;
 mod newton_forms;
 mod one_node;

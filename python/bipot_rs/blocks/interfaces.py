@@ -25,6 +25,8 @@ from bipot_rs.mortar.clipping import clip, find_overlapping_boxes
 # Normals of faces that touch are opposite to 25 degrees: the distance of the faces, which is
 # compared with the tolerance, decides among these.
 _OPPOSITE = 0.9
+# Convex blocks that share a ball of this radius, relative to the smaller one, overlap.
+_OVERLAP = 1e-2
 # A corner nearer than this to the line through its neighbours, relative to the size of the
 # blocks, is rounding of the intersection.
 _STRAIGHT = 1e-9
@@ -101,6 +103,51 @@ def find_interfaces(
         for (i, j), parts in sorted(overlaps.items(), key=lambda item: item[0])
         for interface in _merge(i, j, parts, min(size[i], size[j]), tolerance)
     ]
+
+
+def refuse_overlap(blocks: Sequence[Block]) -> None:
+    """Raise ValueError if two convex blocks overlap by more than inexact corners do.
+
+    Blocks that are not convex are not compared.
+    """
+    planes = []
+    for block in blocks:
+        length = np.linalg.norm(block.normals, axis=1)
+        normals = block.normals[length > 0] / length[length > 0, None]
+        reach = np.sum(normals * block.middles[length > 0], axis=1)
+        planes.append((normals, reach))
+
+    def rise(j: int, i: int) -> Floats:
+        """Heights of the corners of block j above the faces of block i."""
+        return blocks[j].points @ planes[i][0].T - planes[i][1]
+
+    size = np.array([block.size for block in blocks])
+    numbers = range(len(blocks))
+    convex = np.array([rise(k, k).max() <= _OVERLAP * size[k] for k in numbers])
+    boxes = np.array([[b.points.min(axis=0), b.points.max(axis=0)] for b in blocks])
+    for pairs in find_overlapping_boxes(np.zeros(len(boxes), np.int64), boxes):
+        for i, j in np.transpose(pairs)[convex[pairs[0]] & convex[pairs[1]]].tolist():
+            least = _OVERLAP * min(size[i], size[j])
+            if (
+                max(rise(i, j).min(axis=0).max(), rise(j, i).min(axis=0).max())
+                >= -least
+            ):
+                continue
+            from scipy.optimize import linprog
+
+            # The largest ball in both: edges may separate blocks that no face separates.
+            normals, reach = (
+                np.vstack([planes[i][0], planes[j][0]]),
+                np.concatenate([planes[i][1], planes[j][1]]),
+            )
+            rows = np.column_stack([normals, np.ones(len(normals))])
+            cost = np.append(np.zeros(normals.shape[1]), -1.0)
+            ball = linprog(cost, rows, reach, bounds=(None, None)).x
+            if ball is not None and ball[-1] > least:
+                raise ValueError(
+                    f"blocks {blocks[j].name!r} and {blocks[i].name!r} overlap near "
+                    f"{ball[:-1].round(6).tolist()}: move one of them"
+                )
 
 
 def make_interface(

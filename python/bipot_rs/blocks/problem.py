@@ -14,7 +14,7 @@ from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, integer, number, show_value
 from bipot_rs.blocks.block import Block
-from bipot_rs.blocks.interfaces import Interface, find_interfaces
+from bipot_rs.blocks.interfaces import Interface, find_interfaces, refuse_overlap
 from bipot_rs.contact.errors import (
     FloatingBodyError,
     NoEquilibriumError,
@@ -394,6 +394,7 @@ def assemble(
     field = down if gravity is None else floats("gravity", gravity, shape=(d,))
     if interfaces is None:
         interfaces = find_interfaces(blocks, tolerance=number("tolerance", tolerance))
+    refuse_overlap(blocks)
     between = [
         one
         for one in interfaces

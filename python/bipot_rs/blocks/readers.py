@@ -132,6 +132,8 @@ def _read_obj(file: Path, lines: Sequence[str], density: float) -> list[Block]:
         try:
             if word in ("o", "g"):
                 name = " ".join(values) or name
+                if word == "o" and name in faces:
+                    raise ValueError("another object has this name")
             elif word == "v":
                 x, y, z = map(float, values[:3])
                 points.append([x, y, z])

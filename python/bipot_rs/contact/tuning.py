@@ -109,12 +109,6 @@ ALL_PAIRS = 1000
 # Rows of W up to which a diagnosis computes its eigenvalues; for more they take seconds.
 DENSE_DIAGNOSIS = 1500
 
-# --- Proofs of existence (proof/): the random problems of tests/python/contact/proof.
-
-# Sides of the polygon inside the disc of friction, in space. Half: 98 % of the radius;
-# twice: twice the size.
-FRICTION_FACETS = 32
-
 # --- Diagnosis and remarks (messages/): the failing solves of test_diagnosis.py, and the
 # shipped scenes, which must have no remark. They change only what a message names.
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
 from bipot_rs.blocks import Block
+from bipot_rs.blocks.interfaces import refuse_overlap
 from support.masonry import LIMITS, arch, assemble, box, find_balance, rotate, wall
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
@@ -286,3 +287,16 @@ def test_the_limit_does_not_depend_on_the_unit(length: float) -> None:
         problem = assemble(blocks, 0.65)
         limits.append(find_balance(problem, problem.body_force([1.0, 0.0]))[1])
     assert limits[0] == pytest.approx(limits[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("space", [False, True])
+@pytest.mark.parametrize("depth", [0.2, 1e-3, -0.1])
+def test_blocks_that_overlap_are_refused(depth: float, space: bool) -> None:
+    """By more than a hundredth of the smaller block: corners may be inexact."""
+    low = (0, 0, -depth) if space else (0, -depth)
+    pair = [stone(2, 1, space=space)[0], box("stone", low, (2, 2, 1)[3 - len(low) :])]
+    if depth > 0.1:
+        with pytest.raises(ValueError, match=r"'(stone|ground)' overlap near \["):
+            refuse_overlap(pair)
+    else:
+        refuse_overlap(pair)

@@ -164,3 +164,15 @@ def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
     file.write_bytes(b"\xff\xfe{")
     with pytest.raises(ValueError, match=r"binary\.json cannot be read"):
         read(file)
+
+
+def test_two_objects_of_one_name_are_refused(tmp_path: Path) -> None:
+    faces = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    file = tmp_path / "twins.obj"
+    file.write_text(f"o stone\n{faces}o stone\n{faces}", encoding="utf-8")
+    with pytest.raises(
+        ValueError, match=r"line 10, 'o stone': another object has this"
+    ):
+        read(file)
+    file.write_text(f"o stone\ng stone\n{faces}", encoding="utf-8")
+    assert [block.name for block in read(file).blocks] == ["stone"]

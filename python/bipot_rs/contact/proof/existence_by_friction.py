@@ -9,7 +9,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact import tuning
+from bipot_rs.contact.proof.cone_set import make_cone_set
 
 # A smaller component of a rigid motion of length 1 is rounding.
 _FLAT = 1e-9
@@ -93,8 +93,6 @@ def _share_friction(
     ``Y load = -pull``. Then the friction ``r_n,i g_i`` works on slidings by ``Y`` times the
     work of ``r_n,i`` on lifts.
     """
-    from scipy.optimize import linprog
-
     contacts, tangential, slides = moves.shape
     rubbing = np.flatnonzero(mu > 0)
     lifts = press.shape[1]
@@ -116,35 +114,25 @@ def _share_friction(
         column = free + a * lifts
         A[contacts * slides + a, column : column + lifts] = load
     b = np.concatenate([np.zeros(contacts * slides), -pull])
-    # All solutions of the equations, to rounding; the linear programme chooses one.
+    # All solutions of the equations, to rounding; the programme chooses one.
     x0 = np.linalg.lstsq(A, b, rcond=None)[0]
     if np.linalg.norm(A @ x0 - b) > _core.least_work * max(
         1.0, float(np.linalg.norm(pull))
     ):
         return False
     ways = _find_null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
-    sides, inner = make_polygon(tangential, tuning.FRICTION_FACETS)
+    # The least t with (t mu_i, g_i) in a circular cone.
     start = x0[:free].reshape(-1, tangential)
     change = ways[:free].reshape(len(rubbing), tangential, -1)
-    rows = np.einsum("sj,ija->sia", sides, change)
-    rows = rows.reshape(len(sides) * len(rubbing), ways.shape[1])
-    right = -(sides @ start.T).ravel()
-    bound = -np.tile(mu[rubbing] * inner, len(sides))
-    cost = np.append(np.zeros(ways.shape[1]), 1.0)
-    optimum = linprog(cost, np.column_stack([rows, bound]), right, bounds=(None, None))
-    if optimum.x is None:
+    rows = np.zeros((len(rubbing), 1 + tangential, ways.shape[1] + 1))
+    rows[:, 0, -1], rows[:, 1:, :-1] = mu[rubbing], change
+    offset = np.column_stack([np.zeros(len(rubbing)), start])
+    cones = make_cone_set(rows.reshape(-1, rows.shape[2]), offset)
+    y, _, gap = cones.minimise(np.append(np.zeros(ways.shape[1]), 1.0))
+    if not np.isfinite(gap):
         return False
-    g = start + change @ optimum.x[:-1]
+    g = start + change @ y[:-1]
     return bool((np.linalg.norm(g, axis=1) <= (1 - _MARGIN) * mu[rubbing]).all())
-
-
-def make_polygon(tangential: int, facets: int) -> tuple[Floats, float]:
-    """Normals ``(sides, tangential)`` of a polygon in the unit disc, and its inner radius."""
-    if tangential == 1:
-        return np.array([[1.0], [-1.0]]), 1.0
-    angle = 2 * np.pi * np.arange(facets) / facets
-    sides = np.column_stack([np.cos(angle), np.sin(angle)])
-    return sides, float(np.cos(np.pi / facets))
 
 
 def _is_within(columns: Floats, load: Floats) -> bool:

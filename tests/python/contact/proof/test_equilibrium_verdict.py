@@ -423,3 +423,59 @@ def test_a_block_on_springs_is_pushed_to_its_limit(softness: float) -> None:
     assert limit.reaction is not None
     loaded = bp.ReducedProblem(W, q, 0.5, rigid=(R, dead + limit.reached * live))
     assert loaded.residual(limit.reaction) <= 1e-9
+
+
+def load_at_its_limit(rng: np.random.Generator, d: int) -> tuple[Array, Array, Array]:
+    """``R``, ``e0`` and ``mu``: ``e0`` is balanced, and works on a motion that nothing resists.
+
+    Contacts that press slide by the motion on the border of their dual cones, against their
+    friction; the others open.
+    """
+    n, k = int(rng.integers(3, 9)), int(rng.integers(2, 4 if d == 2 else 7))
+    R, mu, motion = (
+        rng.normal(size=(n, d, k)),
+        rng.uniform(0.1, 1, n),
+        rng.normal(size=k),
+    )
+    pressed = rng.random(n) < 0.5
+    t = rng.normal(size=(n, d - 1))
+    t /= np.linalg.norm(t, axis=1)[:, None]
+    pressure, slip = pressed * rng.uniform(0.1, 1, n), rng.uniform(0, 1, n)
+    rise = mu * slip + ~pressed * rng.uniform(0.1, 1, n)
+    v = np.column_stack([rise, -slip[:, None] * t])
+    R += (v - R @ motion)[:, :, None] * motion / (motion @ motion)
+    r = np.column_stack([pressure, (mu * pressure)[:, None] * t])
+    R = R.reshape(n * d, k)
+    return R, -R.T @ r.ravel(), mu
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_largest_multiple_beside_a_load_at_its_limit_is_decided(d: int) -> None:
+    """From both sides, whatever the live load: the multiplier is often zero."""
+    decided = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        R, e0, mu = load_at_its_limit(rng, d)
+        limit = rigid(R, e0, mu, d).limit_multiplier(e0, e1 := rng.normal(size=len(e0)))
+        assert limit.reached is not None
+        if np.isinf(limit.upper):
+            assert np.isinf(limit.reached)
+            assert rigid(R, e1, mu, d).equilibrium().verdict == "balanced"
+        else:
+            # Loads count as balanced to 1e-10 of them.
+            assert limit.reached <= limit.upper * (1 + 1e-9)
+            above = e0 + (limit.upper + 1e-6) * e1
+            assert rigid(R, above, mu, d).equilibrium().verdict != "balanced", seed
+            decided += 1
+    assert decided > 20
+
+
+@pytest.mark.parametrize("cohesion", [1.0, 1e6, 1e9, 1e12, 1e15])
+def test_cohesion_that_is_large_hides_no_loads(cohesion: float) -> None:
+    """It holds more contacts than there are motions, in any direction."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        d = 2 + seed % 2
+        R = rng.normal(size=(6 * d, 3 * (d - 1)))
+        problem = rigid(R, rng.normal(size=3 * (d - 1)), 0.4, d, cohesion=cohesion)
+        assert problem.equilibrium().verdict == "balanced", seed

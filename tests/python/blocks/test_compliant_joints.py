@@ -1,0 +1,76 @@
+"""Walls with compliant joints: many rigid motions, judged here by the law itself."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs.blocks import Block
+
+
+def build_wall(wide: int, high: int, mu: float) -> bp.blocks.BlockProblem:
+    """Bricks in running bond on a ground, pushed a little to the side."""
+    blocks = [Block("ground", [[-1, -1], [wide + 1, -1], [wide + 1, 0], [-1, 0]])]
+    for layer in range(high):
+        shift = 0.5 * (layer % 2)
+        cuts = np.unique(np.clip(np.arange(-1, wide + 1) + shift, 0, wide))
+        for k, (x, y) in enumerate(itertools.pairwise(cuts)):
+            corners = [[x, layer], [y, layer], [y, layer + 1], [x, layer + 1]]
+            blocks.append(Block(f"{layer}.{k}", corners))
+    return bp.blocks.assemble(
+        blocks,
+        mu,
+        supports=["ground"],
+        gravity=[0.1, -1.0],
+        stiffness=(1000.0, 400.0),
+    )
+
+
+def find_misses(
+    given: bp.ReducedProblem, solution: bp.Solution, units: tuple[float, float]
+) -> list[float]:
+    """What is missed of balance, cones, gaps and friction, in units of force and length."""
+    force, length = units
+    assert given.rigid is not None
+    R, e = given.rigid
+    r, a = solution.reaction, solution.rigid_motion
+    v = (given.W @ r.ravel() + R @ a).reshape(r.shape) + given.q
+    friction, slip = np.linalg.norm(r[:, 1:], axis=1), np.linalg.norm(v[:, 1:], axis=1)
+    works = np.sum(r[:, 1:] * v[:, 1:], axis=1) + given.mu * r[:, 0] * slip
+    return [
+        np.abs(R.T @ r.ravel() + e).max() / force,
+        max((friction - given.mu * r[:, 0]).max(), -r[:, 0].min()) / force,
+        -v[:, 0].min() / length,
+        np.abs(r[:, 0] * v[:, 0]).max() / (force * length),
+        np.abs(works).max() / (force * length),
+    ]
+
+
+@pytest.mark.parametrize("mu", [0.6, 0.25])
+def test_a_wall_is_solved_without_dense_motions(mu: float) -> None:
+    """In any units, numbering and number of threads, in few Newton steps."""
+    wall = build_wall(12, 8, mu)
+    assert wall.rigid is not None
+    (R, e), (n, d) = wall.rigid, wall.q.shape
+    assert R.shape[1] == 300
+    solution = wall.solve(num_threads=1)
+    assert solution.outcome is bp.Outcome.CONVERGED
+    # The pressure below eight layers, and the compression of a joint by it.
+    units = 4.0, 8e-3
+    # The tolerance times the condition number of R, some hundred.
+    assert max(find_misses(wall, solution, units)) <= 1e-8
+    assert solution.iterations <= 40
+    again = wall.solve(num_threads=2)
+    np.testing.assert_array_equal(again.reaction, solution.reaction)
+    order = np.random.default_rng(1).permutation(n)
+    rows = (d * order[:, None] + np.arange(d)).ravel()
+    W = wall.W.tocsr()[rows][:, rows]
+    for force, length in [(1.0, 1.0), (1e6, 1e-6), (1e-6, 1e6)]:
+        other = bp.ReducedProblem(
+            W * (length / force), wall.q[order] * length, mu, rigid=(R[rows], e * force)
+        )
+        solution = other.solve()
+        assert solution.outcome is bp.Outcome.CONVERGED
+        misses = find_misses(other, solution, (units[0] * force, units[1] * length))
+        assert max(misses) <= 1e-8
