@@ -215,7 +215,7 @@ def test_a_reduced_problem_reports_it() -> None:
     solution = problem.solve()
     assert str(solution.outcome) == "no_equilibrium"
     assert not solution.converged
-    assert solution.reaction.tolist() == np.zeros((4, 3)).tolist()
+    assert solution.residual > 1e-2
     assert solution.free_motion is not None
     assert rigid[1] @ solution.free_motion > 0
     v = (rigid[0] @ solution.free_motion).reshape(4, 3)
