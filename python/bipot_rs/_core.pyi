@@ -781,7 +781,7 @@ class Reduced:
         parts: list[tuple[list[int], _Floats, tuple[list[int], list[int]] | None]],
         q: _Floats,
         law: ContactLaw,
-        modes: tuple[_Indices, _Indices, _Floats],
+        modes: _Csr,
         load: _Floats,
     ) -> Reduced: ...
     @property

@@ -119,7 +119,7 @@ def refuse_overlap(blocks: Sequence[Block]) -> None:
 
     def rise(j: int, i: int) -> Floats:
         """Heights of the corners of block j above the faces of block i."""
-        return blocks[j].points @ planes[i][0].T - planes[i][1]
+        return np.asarray(blocks[j].points @ planes[i][0].T - planes[i][1], np.float64)
 
     size = np.array([block.size for block in blocks])
     numbers = range(len(blocks))
