@@ -257,7 +257,7 @@ class ContactProblem:
         )
         latches = None
         if _latches is not None:
-            rows = stiffness.matrix[_latches[0]]
+            rows = stiffness.matrix[_latches[0] + 1]
             latches = Latches(*_latches, options.fixed, rows)
         self.loading = Loading.check(
             n, len(options.fixed), self.contacts, loads, gaps, _held, latches

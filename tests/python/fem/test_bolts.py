@@ -403,6 +403,40 @@ def test_the_place_of_the_section_does_not_matter(cell: str) -> None:
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
 
 
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_the_force_is_that_of_the_section(cell: str) -> None:
+    """Without the loads of the cells beside it: what is above the section is in balance."""
+    d, level, force = CELLS[cell], 6.5, 700.0
+    mesh = fem.box([*[np.linspace(0, 2, 3)] * (d - 1), np.linspace(0, 10, 11)], cell)
+    up = np.eye(d)[-1]
+    model = fem.assemble(
+        [Body("bar", mesh, fem.Material(YOUNG, 0.3))],
+        [Contact("bar", "top", 0.2, plane=(10 * up, up))],
+        [Support("bar", "bottom", range(d))],
+        bolts=[Bolt("bar", "bar", (level * up, up))],
+    )
+    loads = [
+        fem.Load("bar", force=-50.0 * up),
+        fem.Load("bar", "right", traction=20.0 * up),
+        fem.Load("bar", strain=fem.thermal(1e-3, 30.0)),
+    ]
+    load = sum(model.nodal_forces(one) for one in loads)
+    tight = load + model.reference_force("bar", force * np.eye(d)[0])
+    moved = [model.prescribed([[0.0] * d], {"bar": [b]}) for b in (np.nan, 2.0)]
+    result = model.problem().solve([tight, 3 * load], moved, tol=1e-13)
+    body = model.bodies[0]
+    above = body.points[body.cells][..., -1].mean(axis=1) > level
+    nodes = np.unique(body.cells[above])
+    weight = sum(one.forces(body).reshape(-1, d)[nodes, -1].sum() for one in loads)
+    pushed = np.einsum("cij,sci->sj", model.frame, result.reaction)[:, -1]
+    felt = [step.bolt_force[0] for step in result]
+    # Residuals of 1e-13 times the condition of the bar, 1e3.
+    expected = pushed + np.array([1.0, 3.0]) * weight
+    np.testing.assert_allclose(felt, expected, rtol=1e-9, atol=1e-9 * force)
+    assert pushed.min() > force, "the bolt pulls the bar against the plane"
+    np.testing.assert_allclose(felt[0], force, rtol=1e-14)
+
+
 @pytest.mark.parametrize(
     ("section", "message"),
     [

@@ -22,7 +22,9 @@ class Latches:
     dofs: Ints  # (m,): their degrees of freedom, among the prescribed ones
     share: Floats  # (m,): part of each force that the model contains
     fixed: Ints  # (fixed,): all prescribed degrees of freedom, ascending
-    rows: CsrMatrix  # sparse (m, n): their rows of K
+    # Sparse (m, n): rows of K of the degrees of freedom after them, which are zero in all
+    # steps; their reactions are the tensions.
+    rows: CsrMatrix
 
     @property
     def at(self) -> Ints:
@@ -62,10 +64,11 @@ class Latches:
 
         ``pushed (n,)`` are the forces of the contacts, ``Bᵀ r``.
         """
-        u = step.displacement
-        force = self.rows @ u - pushed[self.dofs]
-        if step.load is not None:
-            force[free] = step.load[self.dofs[free]]
+        u, load = step.displacement, step.load
+        force = self.rows @ u - pushed[self.dofs + 1]
+        if load is not None:
+            force -= load[self.dofs + 1]
+            force[free] = (load[self.dofs] - load[self.dofs + 1])[free]
         return replace(
             step,
             shortening=u[self.dofs],

@@ -6,8 +6,9 @@ from the lower to the upper side, and the shortening s, the only unknown that a 
     u_copy = u_node - s a.
 
 A force F at s is the tension of the section: the sides are pulled together, and F does the work
-F δs. A prescribed s keeps the shortening, and its reaction is then the force. Loads, springs and
-stresses of the cells above act on the copies, and so on s by Tᵀ.
+F δs. A prescribed s keeps the shortening. Loads, springs and stresses of the cells above act on
+the copies, and so on s by Tᵀ: the force of a step is the reaction of a second degree of freedom
+that is tied like s, always zero, and on which no F acts.
 """
 
 from __future__ import annotations

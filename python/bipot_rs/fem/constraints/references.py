@@ -391,12 +391,14 @@ def _shortened(
 ) -> tuple[Reference, Relations]:
     """The shortening of a bolt, and the relations of its section."""
     own, d = bodies[cut.bolt.body], bodies.dim
-    dofs = np.empty((len(cut.nodes), d, 3), np.int64)
+    dofs = np.empty((len(cut.nodes), d, 4), np.int64)
     dofs[:, :, 0], dofs[:, :, 1] = own.dofs[cut.copies], own.dofs[cut.nodes]
-    dofs[:, :, 2] = first
+    # The second one is zero in every step: its reaction is the tension, without the force at
+    # the first.
+    dofs[:, :, 2:] = first, first + 1
     coefficients = np.empty(dofs.shape)
     coefficients[:, :, 0], coefficients[:, :, 1] = 1.0, -1.0
-    coefficients[:, :, 2] = cut.axis
+    coefficients[:, :, 2:] = cut.axis[:, None]
     made = Reference(
         name=cut.bolt.name,
         kind="bolt",
@@ -409,7 +411,7 @@ def _shortened(
         idle=np.zeros((0, 0)),
         share=cut.bolt.share,
     )
-    return made, Relations(dofs.reshape(-1, 3), coefficients.reshape(-1, 3))
+    return made, Relations(dofs.reshape(-1, 4), coefficients.reshape(-1, 4))
 
 
 def _rigid(
