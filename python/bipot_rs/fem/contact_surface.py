@@ -48,7 +48,9 @@ def contact_facets(model: Assembly) -> Ints:
 
 
 def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
-    """Facets whose nodes are all contacts, as cells with contacts as nodes.
+    """Facets whose corners are all contacts, as cells with contacts as nodes.
+
+    A facet of second order with contacts at its corners but not at all midpoints is linear.
 
     Returns ``list of (kind, corners)``: kind in VTK's names, such as ``"line"``,
     ``"triangle"``, ``"quad8"``, and indices of contacts ``(m, nodes)`` in the order of VTK; in
@@ -63,18 +65,23 @@ def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
         mine = np.flatnonzero(model.group == number)
         of_node = np.full(len(body.points), -1, dtype=np.int64)
         of_node[numbered.nodes_at(model.contact_dofs[mine, 0])] = mine
-        corners = of_node[body.surface(contact.surface).corners]
-        corners = corners[(corners >= 0).all(axis=1)]
-        if model.dim == 3:
-            a, b, c = model.points[corners[:, :3]].swapaxes(0, 1)
-            # Normals of contacts point into the body.
-            inwards = model.frame[corners[:, 0], 0]
-            inside_out = np.sum(np.cross(b - a, c - b) * inwards, axis=1) > 0
-            corners[inside_out] = corners[inside_out][
-                :, _mirror_nodes(corners.shape[1])
-            ]
-        alone[corners.ravel()] = False
-        found.setdefault(body.kind.facet.vtk, []).append(corners)
+        nodes = of_node[body.surface(contact.surface).corners]
+        kind = body.kind.facet.vtk
+        linear = kind.rstrip("0123456789")
+        ends = {"line": 2, "triangle": 3, "quad": 4}[linear]
+        whole = (nodes >= 0).all(axis=1)
+        flat = ~whole & (nodes[:, :ends] >= 0).all(axis=1)
+        for shape, corners in ((kind, nodes[whole]), (linear, nodes[flat, :ends])):
+            if model.dim == 3:
+                a, b, c = model.points[corners[:, :3]].swapaxes(0, 1)
+                # Normals of contacts point into the body.
+                inwards = model.frame[corners[:, 0], 0]
+                inside_out = np.sum(np.cross(b - a, c - b) * inwards, axis=1) > 0
+                corners[inside_out] = corners[inside_out][
+                    :, _mirror_nodes(corners.shape[1])
+                ]
+            alone[corners.ravel()] = False
+            found.setdefault(shape, []).append(corners)
     cells = [(kind, np.concatenate(parts)) for kind, parts in found.items()]
     rest = np.flatnonzero(alone)[:, None]
     if len(rest):

@@ -14,7 +14,12 @@ from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.plots import style
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
-from bipot_rs.plots.geometry.boundary_facets import corners_of, deformed_nodes, skin
+from bipot_rs.plots.geometry.boundary_facets import (
+    corners_of,
+    deformed_nodes,
+    sharp_edges,
+    skin,
+)
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -131,13 +136,18 @@ def deformed(
     mises = cell_fields(model, u, at_rest)["von_mises"]
     places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
     own_axes = ax is None
-    ax = style.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
+    ax = style.axes_of(ax, size=(5.4, 3.8), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
     image = draw(model, places, mises, ax)
     extend = "neither"
     if limits is not None:
         image.set_clim(*limits)
         extend = beyond(mises, *limits)
+    if model.dim == 3:
+        draw_edges(model, model.nodes, ax, lw=0.8, ls="--")
+        # Contact with an obstacle is in sight, contact between bodies is hidden anyway.
+        rigid = np.array([contact.against is None for contact in model.contacts], bool)
+        turn(-model.frame[rigid[model.group], 0], ax)
     tails, longest = places[:0], 0.0
     if forces:
         view = _view(model, places, near, corners)
@@ -156,7 +166,8 @@ def deformed(
     if own_axes and model.dim == 2:
         style.fit(ax)
     stress = style.stress_unit(units)
-    style.colour_bar(image, ax, "von Mises stress", stress, extend=extend)
+    most = float(mises.max(initial=0.0))
+    style.colour_bar(image, ax, "von Mises stress", stress, extend=extend, most=most)
     words = [f"displacements × {scale:g}"] if scale != 1 else []
     if longest:
         words.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
@@ -263,9 +274,34 @@ def _plane(model: Assembly, places: Floats, stress: Floats, ax: Axes) -> PolyCol
 def _space(
     model: Assembly, places: Floats, stress: Floats, ax: Axes3D
 ) -> PolyCollection:
+    # By depth the body would hide its own outline before, and the forces on it.
+    ax.computed_zorder = False
     parts = skin(model.cells)
     polygons = [polygon for facets, _ in parts for polygon in places[facets]]
     return facets_in_space(polygons, np.concatenate([stress[c] for _, c in parts]), ax)
+
+
+def draw_edges(
+    model: Assembly, places: Floats, ax: Axes3D, **look: Unpack[style.LineStyle]
+) -> None:
+    """Draw the sharp edges of the bodies in 3D."""
+    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
+        Line3DCollection,
+    )
+
+    lines = places[sharp_edges(model.nodes, model.cells)]
+    ax.add_collection3d(Line3DCollection(lines, color=style.QUIET, **look))
+
+
+def turn(outward: Floats, ax: Axes3D) -> None:
+    """Look at axes in 3D from the side that sees most of surfaces with these normals."""
+    views = [(up, around) for up in (28, -28) for around in (-60, 30, 120, -150)]
+    up, around = np.radians(views).T
+    towards = [np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]
+    sight = np.maximum(outward @ np.array(towards), 0.0).sum(axis=0)
+    # The usual side, unless another one sees clearly more.
+    sight[0] *= 1.1
+    ax.view_init(*views[int(np.argmax(sight))])
 
 
 def facets_in_space(
@@ -275,9 +311,7 @@ def facets_in_space(
     **colours: Unpack[style.FacetStyle],
 ) -> PolyCollection:
     """Draw polygons in 3D, each in the colour of its value."""
-    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
-        Poly3DCollection,
-    )
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     edges: style.FacetStyle = {"lw": 0.2, "edgecolor": (0, 0, 0, 0.35)}
     image: PolyCollection = Poly3DCollection(
@@ -302,15 +336,15 @@ def box_in_space(places: Floats, ax: Axes3D, zoom: float = 0.82) -> None:
         axis = getattr(ax, f"{name}axis")
         # Fewer numbers on a short axis.
         count = max(1, round(4 * half[k] / half.max() + 0.4))
-        # The first number of y would overlap the last one of x.
-        prune = "lower" if name == "y" else None
+        # The first number of y would overlap the last one of x; from below that of z one of y.
+        prune = {"y": "lower", "z": "upper" if ax.elev < 0 else None}.get(name)
         ticks = {"min_n_ticks": min(count, 2), "prune": prune}
         axis.set_major_locator(MaxNLocator(min(count, 4), **ticks))
         # matplotlib scales labelpad with the lengths of the other two axes.
         axis.labelpad = 8 * min(half.max() / np.delete(half, k).max(), 3.0)
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
     # Space for the labels, which the layout ignores.
-    ax.set_box_aspect(half, zoom=zoom)
+    ax.set_box_aspect(half, zoom=zoom if ax.elev > 0 else 0.9 * zoom)
 
 
 def _view(
@@ -424,7 +458,7 @@ def _limits(
         around = near * _contacts_extent(model, places)
         _show(x.min(axis=0) - around, x.max(axis=0) + around, ax)
     elif model.dim == 3:
-        box_in_space(places, ax)
+        box_in_space(np.concatenate([places, model.nodes, tails]), ax)
     else:
         every = np.concatenate([places, model.nodes, tails])
         low, high = every.min(axis=0), every.max(axis=0)

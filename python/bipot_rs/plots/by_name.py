@@ -46,6 +46,8 @@ class Picture:
     def __call__(self, result: object, model: object = None, **options: object) -> Axes:
         """Draw the result, on its model if that is known."""
         drawn = [model, result] if self.bodies and model is not None else [result]
+        if not self.bodies and model is not None and self.takes("model"):
+            options = {"model": model} | options
         if self.quantity is not None:
             options = {"quantity": self.quantity} | options
         return self.draw(*drawn, **options)

@@ -58,6 +58,7 @@ class DrawnContacts:
     said: str = ""  # `"load step 3 of 8"`, or "" if there is one step only
     # (m, k) or None: facets of a surface in 3D, as `triangles.check_facets`.
     facets: Ints | None = None
+    revolved: bool = False  # whether x is (r, z), of bodies of revolution
 
     @property
     def surfaces(self) -> list[tuple[str, NDArray[np.intp]]]:
@@ -257,6 +258,7 @@ def look(
         surface=surface_of(arrays_of_contacts, n),
         names=names_of(arrays_of_contacts),
         said=said_of(found, step),
+        revolved=arrays_of_contacts.get("revolved") is not None,
         facets=facets_of(arrays_of_contacts, n) if d == 3 else None,
         **optional,  # type: ignore[arg-type]
         **fields,  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -103,10 +104,11 @@ def draw_tractions(
             dashed: style.LineStyle = {"ls": ":", "color": band, "lw": 1.2}
             (edge,) = ax.plot(line.s, limit, label=_name_limit(seen), **dashed)
             ax.plot(line.s, -limit, **dashed)
-        ax.plot(line.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
+        lw = style.width(k, len(lines))
+        ax.plot(line.s, p, color=colours[0], lw=lw, label=what[0], **mark)
         # In grey the colours are alike.
         mark = {"ls": "--"} | mark
-        ax.plot(line.s, t, color=colours[1], lw=1.6, label=what[1], **mark)
+        ax.plot(line.s, t, color=colours[1], lw=lw, label=what[1], **mark)
     ax.axhline(0, color="black", lw=0.6)
     if limits is not None:
         ax.set_ylim(*limits)
@@ -133,6 +135,8 @@ def lines_of(
     lines = common(seen.x, parts, along)
     told = {line.name for line in lines}
     name = told.pop() if len(told) == 1 else "arc length along each surface"
+    if seen.revolved:
+        name = re.sub(r"\b[xy]\b", lambda axis: {"x": "r", "y": "z"}[axis[0]], name)
     return list(zip(names, lines, strict=True)), name
 
 
@@ -230,7 +234,7 @@ def draw_slip(
             # A single contact between open ones needs a marker: it has no line.
             mark = {"marker": "o", "ms": 2} | mark
         mark |= {"clip_on": limits is not None}
-        ax.plot(line.s, v, color=colour, lw=1.6, **mark)
+        ax.plot(line.s, v, color=colour, lw=style.width(k, len(lines)), **mark)
     ax.axhline(0, color="black", lw=0.6)
     if limits is not None:
         ax.set_ylim(*limits)

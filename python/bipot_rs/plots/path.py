@@ -21,6 +21,7 @@ from bipot_rs.plots.data import (
     ContactData,
     ContactsArgument,
     contacts_of,
+    drawn_model,
     names_of,
     selection,
     steps_of,
@@ -51,11 +52,11 @@ def resultants(
 ) -> Axes:
     """Normal and tangential force over the load steps, and the limit of friction.
 
-    On a flat surface the tangential force is drawn along its main direction; its limit is
-    ``Σ μ r_n``, reached if all nodes slip in one direction. On a curved surface sums of
-    components are not forces: ``Σ r_n`` and ``Σ ‖r_t‖`` are drawn, the latter with the
-    limit ``Σ μ r_n``, and the force in global components on the body that has the
-    contacts. Several surfaces have separate lines, each with its name.
+    The numbers are those of `Result.table`. On a flat surface the size of the tangential
+    force is drawn; its limit is ``Σ μ r_n``, reached if all nodes slip in one direction. On
+    a curved surface sums of components are not forces: ``Σ r_n`` and ``Σ ‖r_t‖`` are drawn,
+    the latter with the limit ``Σ μ r_n``, and the force in global components on the body
+    that has the contacts. Several surfaces have separate lines, each with its name.
 
     Parameters
     ----------
@@ -84,6 +85,7 @@ def resultants(
             coefficients,
             ax,
             None if len(parts) == 1 else canvas.cycle(k),
+            canvas.width(k, len(parts)),
         )
     ax.axhline(0, color="black", lw=0.6)
     canvas.name_axis(ax.yaxis, "force", units.get("force"))
@@ -111,23 +113,29 @@ def _of_surface(
     mu: Floats | None,
     ax: Axes,
     colour: str | None,
+    width: float,
 ) -> None:
     """Draw the lines of one surface; ``colour`` replaces the default colours."""
     number = np.arange(1, len(reaction) + 1)
-    style = _style(len(reaction))
+    style = _style(len(reaction)) | {"lw": width}
     force = None
-    names = ("normal", "tangential", "within ±Σ μ × normal")
+    names = ("normal", "tangential", "within Σ μ × normal")
     if frame is not None and is_curved(_normals(frame)):
         force = np.einsum("sck,sckd->sd", reaction, _of_steps(frame, reaction))
         names = ("Σ normal", "Σ |tangential|", "within Σ μ × normal")
-        press, least = reaction[..., 0].sum(axis=1), 0.0
+        press = reaction[..., 0].sum(axis=1)
         size = np.linalg.norm(reaction[..., 1:], axis=-1)
         drag, limit = size.sum(axis=1), None
         if mu is not None:
             limit = find_limit_force(reaction, mu)[1].sum(axis=1)
     else:
         press, drag, limit, _ = sums(reaction, frame, mu)
-        least = -1.0
+        drag = np.linalg.norm(drag, axis=1)
+    if force is not None and colour is None:
+        # Wide lines below the others: equal values stay visible.
+        looks = (("-", 5.0, "#c9ced3"), ("-", 3.0, "#9aa5a8"), (":", 2.0, "black"))
+        for name, values, (ls, lw, grey) in zip("xyz", force.T, looks, strict=False):
+            ax.plot(number, values, ls=ls, lw=lw, color=grey, label=f"force {name}")
     ax.plot(number, press, color=colour or canvas.PRESSURE, label=names[0], **style)
     # In grey the colours are alike.
     ax.plot(
@@ -136,19 +144,13 @@ def _of_surface(
     if limit is not None:
         ax.fill_between(
             number,
-            least * limit,
+            0.0,
             limit,
             label=names[2],
             color=colour or canvas.LIMIT,
             alpha=0.15,
             lw=0,
         )
-    if force is not None and colour is None:
-        looks = ("-", "--", ":")
-        for name, values, ls in zip("xyz", force.T, looks, strict=False):
-            ax.plot(
-                number, values, ls=ls, color=canvas.QUIET, lw=1.2, label=f"force {name}"
-            )
 
 
 def _name_surfaces(names: Sequence[str], ax: Axes, curved: bool, limited: bool) -> None:
@@ -211,9 +213,10 @@ def status_shares(
 
 def force_displacement(
     result: object,
-    displacement: ArrayLike | None = None,
+    displacement: ArrayLike | str | None = None,
     *,
     name: str | None = None,
+    model: object = None,
     on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
@@ -221,7 +224,7 @@ def force_displacement(
 ) -> Axes:
     """Tangential force over displacement: the hysteresis loop of friction.
 
-    The force is opposite to friction: it drives the bodies that have the contacts. If
+    The force is the one that drives: its work along the displacement is positive. If
     ``displacement`` is that of the driven point, the area of a closed loop is the work of
     friction. If the normals are parallel, dashed lines show the limit of friction; a limit
     above four times the force is written above the axes instead. On a curved surface the
@@ -232,10 +235,13 @@ def force_displacement(
     result
         A `Result`.
     displacement
-        ``(steps,)``, for example the prescribed one; default the mean relative
-        displacement of the contacts along the force.
+        ``(steps,)``, for example the prescribed one; or the name of a surface,
+        ``"body.surface"``, whose mean displacement along the force is taken; default the
+        mean relative displacement of the contacts along the force, positive at first.
     name
         Label of the displacement.
+    model
+        As in `plot`, for the name of a surface.
     on, contacts, units, ax
         As in `resultants`.
 
@@ -247,6 +253,7 @@ def force_displacement(
     path, units = steps_of(result), units_of(result, units)
     chosen, frame, mu = _choose(path, on, contacts_of(path, contacts))
     _, drag, limit, main = sums(path.reaction[:, chosen], frame, mu)
+    drive = -(drag @ main)
     if displacement is None:
         v = path.relative_displacement[:, chosen, 1:]
         if frame is not None:
@@ -254,16 +261,30 @@ def force_displacement(
             v = np.einsum("sck,sckd->scd", v, every[:, :, 1:])
         delta = v.mean(axis=1) @ main
         name = name or "mean relative displacement"
+        if drive[np.argmax(np.abs(drive) > 0.1 * np.abs(drive).max())] < 0:
+            drive, delta = -drive, -delta
     else:
+        if isinstance(displacement, str):
+            name = name or f"displacement of {displacement}"
+            displacement = _mean_displacement(path, displacement, model) @ main
         delta = floats("displacement", displacement, shape=(len(path),))
         name = name or "displacement"
+        # The work of the force that drives is positive along its own displacement.
+        steps = np.diff(delta, prepend=0.0)
+        if np.sum((drive + np.append(0.0, drive[:-1])) * steps) < 0:
+            drive = -drive
     ax = canvas.axes_of(ax)
-    ax.plot(delta, -drag, color=canvas.SHEAR, label="force", **_style(len(path)))
+    ax.plot(delta, drive, color=canvas.SHEAR, label="force", **_style(len(path)))
     ax.axhline(0, color="black", lw=0.6)
-    if limit is not None and limit.max() <= _IN_SIGHT * np.abs(drag).max():
+    if limit is not None and limit.max() <= _IN_SIGHT * np.abs(drive).max():
         dashed: canvas.LineStyle = {"ls": "--", "lw": 1, "color": canvas.LIMIT}
-        ax.plot(delta, limit, label="±Σ μ × normal", **dashed)
-        ax.plot(delta, -limit, **dashed)
+        # Only the limits on the sides where there is a force.
+        rounding = 1e-9 * np.abs(drive).max()
+        sides = [s for s in (1, -1) if (s * drive).max() > rounding]
+        label = {1: "Σ μ × normal", 2: "±Σ μ × normal"}[len(sides)]
+        for side in sides:
+            ax.plot(delta, side * limit, label=label, **dashed)
+            label = ""
         canvas.legend_above(ax)
     elif limit is not None:
         # Drawing so large a limit would make the loop too small to see.
@@ -273,6 +294,14 @@ def force_displacement(
     canvas.name_axis(ax.yaxis, "tangential force", units.get("force"))
     canvas.bare(ax)
     return ax
+
+
+def _mean_displacement(path: Result, surface: str, model: object) -> Floats:
+    """Mean displacement of the nodes of ``"body.surface"``, ``(steps, d)``."""
+    bodies = drawn_model(path if model is None else model)[0].numbered
+    body, _, name = surface.partition(".")
+    nodes = np.unique(bodies[body].body.surface(name).corners)
+    return np.asarray(path.displacement[:, bodies[body].dofs[nodes]].mean(axis=1))
 
 
 def dissipation(
@@ -340,11 +369,11 @@ def _of_steps(frame: Floats, reaction: Floats) -> Floats:
 def sums(
     reaction: Floats, frame: Floats | None, mu: Floats | None
 ) -> tuple[Floats, Floats, Floats | None, Floats]:
-    """Normal and tangential force ``(steps,)``, the friction limit, and the direction.
+    """Normal and tangential force, the friction limit ``(steps,)``, and the direction.
 
-    From reactions ``(steps, n_c, d)``; no limit if normals differ. The direction of the
-    tangential force is a unit vector, in global components if frames are known, else along
-    t1, t2.
+    From reactions ``(steps, n_c, d)``; no limit if normals differ. Tangential forces are
+    vectors ``(steps, k)`` and their direction is a unit vector, in global components if
+    frames are known, else along t1, t2.
     """
     parallel = True
     if frame is None:
@@ -374,4 +403,4 @@ def sums(
                 tangents = _of_steps(frame, reaction)[-1, :, 1:]
             mu = by_pressure(mu, np.broadcast_to(tangents @ main, mu.shape))
         limit = reaction[..., 0] @ mu
-    return press, drag @ main, limit, main
+    return press, drag, limit, main

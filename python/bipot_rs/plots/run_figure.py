@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs.contact.results.result import Result
@@ -15,7 +16,7 @@ from bipot_rs.plots.data import DrawnContacts, look, number_of
 from bipot_rs.plots.line import draw_tractions
 from bipot_rs.plots.path import resultants, status_shares
 from bipot_rs.plots.space import draw_space
-from bipot_rs.plots.surface import draw_map, draw_status, is_plane
+from bipot_rs.plots.surface import draw_map, draw_status, is_plane, plane_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -49,7 +50,7 @@ def write_figure(
     flat = seen.x.shape[1] == 2
     several = len(result) > 1
     # Not pyplot: it would keep the figure and choose a backend for the process.
-    heights = [5.2] if flat else [4.1] * len(_rows(seen))
+    heights = [5.2] if flat else [_height(surface) for _, surface in _rows(seen)]
     heights += [2.6] if several else []
     figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
     parts: list[SubFigure] = (
@@ -69,7 +70,15 @@ def write_figure(
         place = f"load step {number[0] + 1} of {number[1]}"
         title = f"{title}, {place}" if title else place
     figure.suptitle(title, fontsize=13, fontweight="bold")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=150, bbox_inches="tight")
+
+
+def _height(seen: DrawnContacts) -> float:
+    """Height of a row of three pictures [inch]: maps have equal scales."""
+    if not is_plane(seen):
+        return 3.7
+    wide, high = np.ptp(plane_of(seen)[0], axis=0)
+    return float(np.clip(2.4 * high / (wide or 1.0), 1.2, 3.2) + 1.1)
 
 
 def _rows(seen: DrawnContacts) -> list[tuple[str, DrawnContacts]]:
@@ -104,5 +113,5 @@ def _facets(figure: Figure | SubFigure, seen: DrawnContacts) -> None:
     panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
     for ax, quantity in zip(panels, ("pressure", "shear", "status"), strict=True):
         draw_space(seen, quantity, ax, below=True)
-        box_in_space(seen.x, ax, zoom=0.72)
+        box_in_space(seen.x, ax, zoom=0.8)
         ax.tick_params(labelsize="small")

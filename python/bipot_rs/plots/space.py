@@ -11,7 +11,12 @@ from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style
-from bipot_rs.plots.body import box_in_space, facets_in_space
+from bipot_rs.plots.body import (
+    box_in_space,
+    draw_edges,
+    facets_in_space,
+    turn,
+)
 from bipot_rs.plots.data import (
     ContactsArgument,
     DrawnContacts,
@@ -19,10 +24,10 @@ from bipot_rs.plots.data import (
     look,
     model_of,
 )
-from bipot_rs.plots.geometry.boundary_facets import skin
-from bipot_rs.plots.geometry.triangles import alone, corners
+from bipot_rs.plots.geometry.boundary_facets import sharp_edges
+from bipot_rs.plots.geometry.triangles import alone, corners, pieces
 from bipot_rs.plots.line import closed_slip
-from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
+from bipot_rs.plots.surface import NOTHING, QUANTITIES, is_plane, span, values_of
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
@@ -30,6 +35,8 @@ if TYPE_CHECKING:
     from bipot_rs.fem.assembly.assembly import Assembly
 
 BACKENDS = ("matplotlib", "pyvista")
+# About the largest number of polygons that show values between contacts.
+_PIECES = 4000
 
 
 class _Camera(Protocol):
@@ -170,16 +177,24 @@ def draw_space(
     nothing = not values.any()
     colours: style.Colours = {"norm": Normalize(low, high), "cmap": "viridis"}
     if quantity == "status":
-        of_facet = _zones(values, parts)
         colours["cmap"] = style.status_colours()["cmap"]
-    else:
-        of_facet = [values[c].mean(axis=1) for c in parts]
-        if nothing and limits is None:
-            colours["cmap"] = style.blank()
+    elif nothing and limits is None:
+        colours["cmap"] = style.blank()
     image: Any = None
-    if parts:
+    if parts and quantity == "status":
         polygons = [polygon for corners in parts for polygon in seen.x[corners]]
-        image = facets_in_space(polygons, np.concatenate(of_facet), ax, **colours)
+        image = facets_in_space(
+            polygons, np.concatenate(_zones(values, parts)), ax, **colours
+        )
+    elif parts:
+        most = _PIECES // len(parts)
+        cut = [pieces(seen.x[c], values[c], most) for c in parts]
+        polygons = [polygon for part, _ in cut for polygon in part]
+        smooth: style.FacetStyle = {**colours, "lw": 0.0, "edgecolor": "none"}
+        at = np.concatenate([centres for _, centres in cut])
+        image = facets_in_space(polygons, at, ax, **smooth)
+        # Without seams between the pieces.
+        image.set_antialiased(False)
     dots = np.arange(len(values))
     if seen.facets is not None:
         dots = alone(seen.facets, len(values))
@@ -190,8 +205,11 @@ def draw_space(
         image = drawn if image is None else image
     places = seen.x
     if model is not None:
-        _outline(model, ax)
+        draw_edges(model, model.nodes, ax, lw=0.7)
         places = model.nodes
+    if parts and not is_plane(seen):
+        a, b, c = seen.x[np.concatenate([p[:, :3] for p in parts])].swapaxes(0, 1)
+        turn(np.cross(b - a, c - a), ax)
     if arrows:
         _slip(seen, places, ax, limits)
     box_in_space(places, ax)
@@ -200,7 +218,10 @@ def draw_space(
         style.legend_above(ax, handles=zones, title=seen.said)
     else:
         if limits is not None or not nothing:
-            style.colour_bar(image, ax, name, unit, extend=extend, below=below)
+            largest = float(values.max(initial=0.0))
+            style.colour_bar(
+                image, ax, name, unit, extend=extend, below=below, most=largest
+            )
         if nothing:
             style.say(ax, NOTHING[quantity])
         style.note(ax, seen.said)
@@ -228,46 +249,6 @@ def _slip(
     )
     # By depth matplotlib would hide arrows that lie in the facets.
     ax.computed_zorder = False
-
-
-def _outline(model: Assembly, ax: Axes3D) -> None:
-    """Draw the sharp edges of the bodies."""
-    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
-        Line3DCollection,
-    )
-
-    lines = model.nodes[sharp_edges(model)]
-    ax.add_collection3d(Line3DCollection(lines, colors=style.QUIET, linewidths=0.7))
-
-
-def sharp_edges(model: Assembly) -> Ints:
-    """Edges ``(m, 2)`` of the boundary at which it turns by 30 degrees or more."""
-    sharp_ones = []
-    for facets, _ in skin(model.cells):
-        x = model.nodes[facets]
-        normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        ends = np.stack([facets, np.roll(facets, -1, axis=1)], axis=-1)
-        owner = np.repeat(np.arange(len(facets)), facets.shape[1])
-        edges, which, count = np.unique(
-            np.sort(ends.reshape(-1, 2), axis=1),
-            axis=0,
-            return_inverse=True,
-            return_counts=True,
-        )
-        order = np.argsort(which.ravel(), kind="stable")
-        first = np.cumsum(count) - count
-        # An edge with more than two facets, where parts of a body touch, is sharp.
-        sharp = count != 2
-        first_owner, other = (
-            owner[order[first[~sharp]]],
-            owner[order[first[~sharp] + 1]],
-        )
-        sharp[~sharp] = np.sum(normal[first_owner] * normal[other], axis=1) < np.cos(
-            np.pi / 6
-        )
-        sharp_ones.append(edges[sharp])
-    return np.concatenate(sharp_ones)
 
 
 def _pyvista(
@@ -318,7 +299,7 @@ def _pyvista(
         )
     places = seen.x
     if model is not None:
-        places, edges = model.nodes, sharp_edges(model)
+        places, edges = model.nodes, sharp_edges(model.nodes, model.cells)
         lines = np.column_stack([np.full(len(edges), 2), edges]).ravel()
         outline = pv.PolyData(model.nodes, lines=lines)
         plotter.add_mesh(outline, color=style.QUIET, line_width=2)

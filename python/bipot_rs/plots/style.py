@@ -125,7 +125,7 @@ def show_in_notebooks(ax: Axes) -> Axes:
 def _render(ax: Axes) -> bytes:
     """The picture with these axes, as PNG."""
     picture = BytesIO()
-    figure_of(ax).savefig(picture, format="png")
+    figure_of(ax).savefig(picture, format="png", bbox_inches="tight")
     return picture.getvalue()
 
 
@@ -149,8 +149,8 @@ def label(name: str, unit: str | None) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def name_axis(axis: Axis, name: str, unit: str | None) -> None:
-    """Label an axis, if necessary with a power of 1000 before the unit.
+def name_axis(axis: Axis, name: str, unit: str | None) -> float:
+    """Label an axis, if necessary with a power of 1000 before the unit; return the power.
 
     Otherwise ticks would be long, or matplotlib would write the power over a legend. Call
     it after the data are drawn.
@@ -168,6 +168,7 @@ def name_axis(axis: Axis, name: str, unit: str | None) -> None:
         factor = "10" + str(power).translate(_RAISED)
         unit = f"{factor} {unit}" if unit else factor
     axis.set_label_text(label(name, unit))
+    return 10.0**power
 
 
 def name_axes(ax: Axes, names: str, unit: str | None) -> None:
@@ -184,24 +185,38 @@ def colour_bar(
     *,
     extend: str = "neither",
     below: bool = False,
+    most: float = np.inf,
 ) -> Colorbar:
-    """Add a colour bar with a name on the right of the axes, or below axes in 3D."""
+    """Add a colour bar with a name on the right of the axes, or below axes in 3D.
+
+    ``most``: the largest value, written at the end of a bar that does not reach it.
+    """
     if below:
         bar = ax.figure.colorbar(
             image, ax=ax, extend=extend, location="bottom", shrink=0.7, pad=0.02
         )
-        name_axis(bar.ax.xaxis, name, unit)
-        return bar
-    if ax.name == "3d":
-        bar = ax.figure.colorbar(image, ax=ax, extend=extend, shrink=0.8, pad=0.1)
+        power = name_axis(bar.ax.xaxis, name, unit)
+    elif ax.name == "3d":
+        bar = ax.figure.colorbar(image, ax=ax, extend=extend, shrink=0.75, pad=0.11)
+        power = name_axis(bar.ax.yaxis, name, unit)
     else:
         # As high as the axes, also if equal scales make these low, and as wide as usual
         # if equal scales make the axes narrow.
         wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
         part = 1.0 if ax.get_aspect() == "auto" else max(high / wide, 1.0)
-        place = ax.inset_axes((1.0 + 0.03 * part, 0.0, 0.045 * part, 1.0))
-        bar = ax.figure.colorbar(image, cax=place, extend=extend)
-    name_axis(bar.ax.yaxis, name, unit)
+        beside = ax.inset_axes((1.0 + 0.03 * part, 0.0, 0.045 * part, 1.0))
+        bar = ax.figure.colorbar(image, cax=beside, extend=extend)
+        power = name_axis(bar.ax.yaxis, name, unit)
+    if extend in ("max", "both") and np.isfinite(most):
+        largest = most / power
+        bar.ax.text(
+            *((1.06, 0.5) if below else (0.5, 1.07)),
+            f"max {largest:.{'0f' if largest >= 1000 else '3g'}}",
+            transform=bar.ax.transAxes,
+            fontsize="small",
+            ha="left" if below else "center",
+            va="center" if below else "bottom",
+        )
     return bar
 
 
@@ -236,6 +251,11 @@ def cycle(k: int) -> str:
     return _CYCLE[k % len(_CYCLE)]
 
 
+def width(k: int, count: int) -> float:
+    """Width of the lines of surface ``k``: an earlier one is visible below a later one."""
+    return 1.6 + 1.8 * min(count - 1 - k, 3)
+
+
 def surface_handles(names: Iterable[str]) -> list[Line2D]:
     """Lines for a legend, in the colour of each surface."""
     from matplotlib.lines import Line2D
@@ -259,7 +279,9 @@ def fit(ax: Axes) -> None:
 def note(ax: Axes, text: str) -> None:
     """Write a short text above the axes, on the left."""
     if text:
-        ax.set_title(text, fontsize="small", loc="left")
+        # Seen from below, the axes in 3D have their labels above.
+        below = getattr(ax, "elev", 0.0) < 0
+        ax.set_title(text, fontsize="small", loc="left", pad=22 if below else None)
 
 
 def say(ax: Axes3D, text: str) -> None:

@@ -137,7 +137,8 @@ def draw_map(
             _arrows(seen, uv, vector, ax, color="white", **style.RIM)
     finish(seen, uv, names, ax)
     if limits is not None or not nothing:
-        style.colour_bar(image, ax, name, unit, extend=extend)
+        most = float(values.max())
+        style.colour_bar(image, ax, name, unit, extend=extend, most=most)
     style.note(ax, seen.said)
     return ax
 

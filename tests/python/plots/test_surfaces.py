@@ -335,11 +335,12 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
         ("--kind", "slip", "--contact", "pad.top"),
         ("--kind", "resultants", "--contact", "pad.top"),
         ("--kind", "deformed"),
+        ("--kind", "force_displacement", "--over", "pad.top"),
     ):
         status, out, err = bipot("plot", folder, *more, "--out", "a.png")
         assert (status, out, err) == (0, "a.png\n", "")
         drawn.add(Path("a.png").read_bytes())
-    assert len(drawn) == 7
+    assert len(drawn) == 8
     for more, expected_text in (
         (("--contact", "pad.tob"), "there is no contact on 'pad.tob', expected one of"),
         (("--along", "w"), "--along is 'w', expected x, y, z or arc"),
@@ -349,7 +350,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
         ),
         (
             ("--kind", "slip", "--scene", "x.toml"),
-            "are only for --kind deformed, pressure_3d",
+            "are only for --over and --kind deformed, pressure_3d",
         ),
         (
             ("--kind", "deformed", "--contact", "pad.top"),

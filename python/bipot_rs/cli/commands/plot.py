@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import meant
 from bipot_rs.cli import arguments as shared
@@ -75,10 +75,21 @@ def add_arguments(parser: shared.Parser) -> None:
         metavar="F",
         help="For deformed: the factor of the displacements.",
     )
+    parser.add_argument(
+        "--over",
+        metavar="SURFACE",
+        help="For force_displacement: the surface, BODY.SURFACE, over whose mean displacement "
+        "the force is drawn. Default: the slip of the contacts.",
+    )
+    parser.add_argument(
+        "--backend",
+        choices=("matplotlib", "pyvista"),
+        help="For the _3d pictures: the library that draws them. Default: matplotlib.",
+    )
     scene = parser.add_argument(
         "--scene",
         metavar="SCENE",
-        help="Scene of the result, for deformed and the _3d pictures. Default: the scene "
+        help="Scene of the result, for deformed, the _3d pictures and --over. Default: the scene "
         "named in the result.",
     )
     shared.complete_by(scene, completion.complete_scenes)
@@ -92,6 +103,8 @@ _OPTIONS = {
     "step": "--step",
     "near": "--near",
     "scale": "--scale",
+    "displacement": "--over",
+    "backend": "--backend",
 }
 
 
@@ -113,10 +126,11 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     if found.along not in (None, "x", "y", "z", "arc"):
         raise ValueError(f"--along is {found.along!r}, expected x, y, z or arc")
     with_bodies = [name for name, picture in KINDS.items() if picture.bodies]
-    if kind not in with_bodies and (scene is not None or settings):
+    with_mesh = kind in with_bodies or found.over is not None
+    if not with_mesh and (scene is not None or settings):
         raise ValueError(
-            f"--scene and --set are only for --kind {', '.join(with_bodies)}: other "
-            "pictures need no mesh"
+            f"--scene and --set are only for --over and --kind {', '.join(with_bodies)}: "
+            "other pictures need no mesh"
         )
     path = Path(found.result)
     if path.is_dir():
@@ -139,13 +153,15 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     title = str(attributes.get("title", ""))
     result.units = json.loads(attributes.get("units") or "{}") or result.units
     target = found.out or path.with_name(f"{kind}.png")
-    case = _case(path, attributes, scene, settings) if kind in with_bodies else None
+    case = _case(path, attributes, scene, settings) if with_mesh else None
     asked = {
         "on": found.contact,
         "along": found.along,
         "step": None if step is None else step - 1,
         "near": found.near,
         "scale": found.scale,
+        "displacement": found.over,
+        "backend": found.backend,
     }
     options = {name: value for name, value in asked.items() if value is not None}
     for option in options:
@@ -160,6 +176,9 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
             check_format(target)
             if kind == "tractions" and found.along is None:
                 write_figure(target, result, title=title, **options)
+            elif found.backend == "pyvista":
+                plotter: Any = plot(result, kind, model=case, **options)
+                plotter.screenshot(str(target))
             else:
                 figure = figure_of(plot(result, kind, model=case, **options))
                 if title:

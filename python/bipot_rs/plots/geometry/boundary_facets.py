@@ -1,4 +1,4 @@
-"""Boundary facets of bodies: those that belong to one cell only."""
+"""Boundary facets of bodies, those of one cell only, and their sharp edges."""
 
 from __future__ import annotations
 
@@ -79,3 +79,33 @@ def deformed_nodes(
         extent = float(np.ptp(nodes, axis=0).max())
         scale = max(round_number(share * extent / largest), 1.0) if largest else 1.0
     return nodes + scale * u, scale
+
+
+def sharp_edges(x: Floats, cells: Sequence[tuple[str, Ints]]) -> Ints:
+    """Edges ``(m, 2)`` of the boundary at which it turns by 30 degrees or more."""
+    sharp_ones = []
+    for facets, _ in skin(cells):
+        a, b, c = x[facets[:, :3]].swapaxes(0, 1)
+        normal = np.cross(b - a, c - a)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        ends = np.stack([facets, np.roll(facets, -1, axis=1)], axis=-1)
+        owner = np.repeat(np.arange(len(facets)), facets.shape[1])
+        edges, which, count = np.unique(
+            np.sort(ends.reshape(-1, 2), axis=1),
+            axis=0,
+            return_inverse=True,
+            return_counts=True,
+        )
+        order = np.argsort(which.ravel(), kind="stable")
+        first = np.cumsum(count) - count
+        # An edge with more than two facets, where parts of a body touch, is sharp.
+        sharp = count != 2
+        first_owner, other = (
+            owner[order[first[~sharp]]],
+            owner[order[first[~sharp] + 1]],
+        )
+        sharp[~sharp] = np.sum(normal[first_owner] * normal[other], axis=1) < np.cos(
+            np.pi / 6
+        )
+        sharp_ones.append(edges[sharp])
+    return np.concatenate(sharp_ones)

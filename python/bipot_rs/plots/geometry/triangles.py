@@ -71,6 +71,31 @@ def corners(facets: Ints) -> list[Ints]:
     return [facets[count == n][:, : _CORNERS[n]] for n in _SPLIT if (count == n).any()]
 
 
+def pieces(
+    x: Floats, values: Floats, most: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Quadrilaterals ``(p, 4, 3)`` that facets consist of, and the values at their centres.
+
+    ``x, values``: of the 3 or 4 corners of each facet, ``(m, c, 3)`` and ``(m, c)``.
+    ``most``: about the largest number of pieces.
+    """
+    m, c = values.shape
+    side = int(np.clip(np.sqrt(most / max(m, 1)), 1, 12))
+
+    def shape(a: Floats, b: Floats) -> Floats:
+        weights = [(1 - a) * (1 - b), a * (1 - b), a * b, (1 - a) * b]
+        if c == 3:
+            # The last side of the square is the third corner.
+            weights[2:] = [weights[2] + weights[3]]
+        return np.stack(weights, axis=-1)
+
+    a, b = (k.ravel() for k in np.meshgrid(*[np.arange(side) / side] * 2))
+    along, up = np.array([[0, 1, 1, 0], [0, 0, 1, 1]]) / side
+    corners = shape(a[:, None] + along, b[:, None] + up)
+    polygons = np.einsum("pqc,mcd->mpqd", corners, x).reshape(-1, 4, 3)
+    return polygons, (values @ shape(a + 0.5 / side, b + 0.5 / side).T).ravel()
+
+
 def split(facets: Ints) -> Ints:
     """Triangles ``(t, 3)`` of all facets; those of second order use their midpoints."""
     count = np.sum(facets >= 0, axis=1)
