@@ -78,10 +78,10 @@ pub fn factor_gram(
 ) -> Result<Factor, Error> {
     let mut of_motion: Vec<Vec<(usize, f64)>> = vec![Vec::new(); motions];
     let mut by_row: Vec<Vec<(usize, f64)>> = vec![Vec::new(); rows];
-    for i in 0..rows {
+    for (i, of_row) in by_row.iter_mut().enumerate() {
         row(i, &mut |j, value| {
             of_motion[j].push((i, value));
-            by_row[i].push((j, value));
+            of_row.push((j, value));
         });
     }
     let (mut pointer, mut index, mut values) = (vec![0], Vec::new(), Vec::new());

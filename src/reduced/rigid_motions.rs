@@ -40,9 +40,9 @@ impl<const D: usize> RigidMotions<D> {
         };
         for contact in 0..contacts {
             let mut moved = Vec::new();
-            for k in 0..D {
-                for (c, value) in rows.row(D * contact + k) {
-                    at[c][k] += value;
+            for row in D * contact..D * (contact + 1) {
+                for (c, value) in rows.row(row) {
+                    at[c][row % D] += value;
                     moved.push(c);
                 }
             }
@@ -143,13 +143,13 @@ impl<const D: usize> RigidMotions<D> {
     /// The columns, each with all contacts: only for few motions.
     #[must_use]
     pub fn columns(&self) -> Vec<Vec<[f64; D]>> {
-        let mut columns = vec![vec![[0.0; D]; self.contacts()]; self.count];
-        for contact in 0..self.contacts() {
-            for (c, value) in self.at(contact) {
-                columns[c][contact] = *value;
-            }
-        }
-        columns
+        let of_motion = |motion| {
+            let at = |contact| self.at(contact).find(|(c, _)| *c == motion);
+            let values =
+                (0..self.contacts()).map(|contact| at(contact).map_or([0.0; D], |(_, v)| *v));
+            values.collect()
+        };
+        (0..self.count).map(of_motion).collect()
     }
 
     /// `v += R a`.

@@ -62,7 +62,9 @@ pub fn of_largest_one<const D: usize>(problem: &Reduced<D>, mut a: Vec<f64>) -> 
         .map(|v| v.iter().fold(0.0_f64, |sum, x| sum.hypot(*x)));
     let largest = lengths.fold(0.0_f64, f64::max);
     if largest.is_normal() {
-        a.iter_mut().for_each(|x| *x /= largest);
+        for x in &mut a {
+            *x /= largest;
+        }
     }
     a
 }

@@ -79,13 +79,9 @@ pub fn solve_watched<const D: usize>(
         // The rounding of q would be as large as all displacements.
         let still = problem.without_offset()?;
         let mut start = start.clone();
-        for (a, offset) in start.rigid.iter_mut().zip(motion) {
-            *a -= offset;
-        }
+        shift(&mut start.rigid, -1.0, motion);
         let mut solution = solve_watched(&still, settings, &start, stop, progress)?;
-        for (a, offset) in solution.rigid_motion.iter_mut().zip(motion) {
-            *a += offset;
-        }
+        shift(&mut solution.rigid_motion, 1.0, motion);
         return Ok(solution);
     }
     let mut balanced = false;
@@ -101,11 +97,11 @@ pub fn solve_watched<const D: usize>(
             }
         }
     } else {
-        if !auto && !problem.rigid.modes.is_empty() {
-            let decision = at_rest::ask(problem, stop, settings.max_seconds.max(LEAST_SECONDS))?;
-            if decision.verdict == Verdict::None {
-                return Ok(refuse(problem, settings, monitor, decision.motion));
-            }
+        if !auto
+            && !problem.rigid.modes.is_empty()
+            && let Some(motion) = find_free_fall(problem, settings, stop)?
+        {
+            return Ok(refuse(problem, settings, monitor, motion));
         }
         bilateral_start(problem, start, &mut monitor)?
     };
@@ -119,12 +115,11 @@ pub fn solve_watched<const D: usize>(
     };
     let furthest = monitor.furthest_rigid().to_vec();
     let unasked = auto && resting.is_none() && !problem.rigid.modes.is_empty();
-    if unasked && !matches!(outcome, Outcome::Converged | Outcome::NoEquilibrium) {
-        let seconds = settings.max_seconds.max(LEAST_SECONDS);
-        let decision = at_rest::ask(problem, stop, seconds)?;
-        if decision.verdict == Verdict::None {
-            return Ok(refuse(problem, settings, monitor, decision.motion));
-        }
+    if unasked
+        && !matches!(outcome, Outcome::Converged | Outcome::NoEquilibrium)
+        && let Some(motion) = find_free_fall(problem, settings, stop)?
+    {
+        return Ok(refuse(problem, settings, monitor, motion));
     }
     let free_motion = monitor.free_motion().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
@@ -168,6 +163,23 @@ pub fn solve_watched<const D: usize>(
         solution.free_motion = runaway(problem, &r, &furthest).unwrap_or_default();
     }
     Ok(solution)
+}
+
+/// `a ← a + sign · offset`.
+fn shift(a: &mut [f64], sign: f64, offset: &[f64]) {
+    for (a, offset) in a.iter_mut().zip(offset) {
+        *a += sign * offset;
+    }
+}
+
+/// A motion that proves that no reactions balance the loads, if there is one.
+fn find_free_fall<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    stop: &AtomicBool,
+) -> Result<Option<Vec<f64>>, Error> {
+    let decision = at_rest::ask(problem, stop, settings.max_seconds.max(LEAST_SECONDS))?;
+    Ok((decision.verdict == Verdict::None).then_some(decision.motion))
 }
 
 /// What statics says of bodies that nothing deforms.

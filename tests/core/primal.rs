@@ -405,7 +405,17 @@ fn a_contact_needs_a_node_of_its_own() {
     let refused = blocks
         .arrays(|arrays| Primal::new(&arrays, None, false, &AtomicBool::new(false)))
         .unwrap_err();
-    assert!(matches!(refused, Error::NotIterative { .. }), "{refused}");
+    assert!(
+        matches!(
+            refused,
+            Error::NoOwnNode {
+                contact: 0,
+                oblique: false,
+                ..
+            }
+        ),
+        "{refused}"
+    );
 }
 
 fn numbers(count: usize, seed: u64) -> Vec<f64> {
