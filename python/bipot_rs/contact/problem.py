@@ -733,7 +733,7 @@ class ContactProblem:
         cycle. Only gaps change: nothing is factored again. ``area`` must be known.
 
         The depth that a cycle wears off changes slowly, so that cycles may be jumped over
-        by Heun's method: see section 16 of ``docs/theory.md`` for its estimate of the error,
+        by Heun's method: see section 15 of ``docs/theory.md`` for its estimate of the error,
         and for the bound of jumps beyond which pressures would oscillate.
 
         Parameters

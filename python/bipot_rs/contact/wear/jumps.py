@@ -1,6 +1,6 @@
 """Cycles one by one, and jumps over them by Heun's method (29) with its error (30).
 
-``docs/theory.md``, section 16, derives both. The names of the formulas are used here: a cycle
+``docs/theory.md``, section 15, derives both. The names of the formulas are used here: a cycle
 wears off ``g0`` before the last one, ``g1`` at the start of a jump, ``g2`` at the predicted
 depth, and ``g3`` after the jump.
 """

@@ -1,6 +1,6 @@
 """Two estimates of the error of a jump: by differences of rates, and by exact derivatives.
 
-A jump over N cycles has the error, to leading order, section 16 of ``docs/theory.md``,
+A jump over N cycles has the error, to leading order, section 15 of ``docs/theory.md``,
 
     e = N (N + 1) (N + 2)/12 g̈ - N² (N + 1)/4 J J g,
 
