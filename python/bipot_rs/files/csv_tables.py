@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bipot_rs._lib.messages import count_noun, printable
+from bipot_rs._lib.messages import count_noun, meant, nearest, printable
 from bipot_rs._lib.text_files import real, whole
 from bipot_rs._lib.types import Floats, Ints
 
@@ -73,16 +73,19 @@ class CsvTable:
         """Refuse a table with a missing or an unknown column."""
         for name in needed:
             if name not in self.names:
+                similar = nearest(name, set(self.names) - {*needed, *optional})
+                guess = f": is it {similar!r}?" if similar else ""
                 raise self.wrong(
                     self.header_line,
-                    f"there is no column {name}, found {', '.join(self.names)}",
+                    f"there is no column {name}, found {', '.join(self.names)}{guess}",
                 )
         for name in self.names:
             if name not in {*needed, *optional}:
                 raise self.wrong(
                     self.header_line,
                     f"column {name!r} is unknown, expected some of "
-                    f"{', '.join([*needed, *optional])}",
+                    f"{', '.join([*needed, *optional])}"
+                    f"{meant(name, [*needed, *optional])}",
                 )
 
     def numbers(self, name: str, missing: float | None = None) -> Floats:

@@ -130,6 +130,17 @@ def test_shipped_scenes_have_no_remarks(name: str) -> None:
     assert checking.check(name, ["mesh.n=4"])["remarks"] == []
 
 
+def test_scenes_have_titles_on_a_terminal(
+    bipot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = bipot("scenes")[1].splitlines()
+    assert names == shipped()
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    lines = bipot("scenes")[1].splitlines()
+    assert [line.split()[0] for line in lines] == names
+    assert "sheared_cube      Cube pressed onto a rigid plane, then sheared" in lines
+
+
 def test_info_of_files_named_in_scenes(bipot: Any, repository: Path) -> None:
     folder = repository / "examples" / "scenes"
     out = bipot("info", str(folder / "heated_bar.toml"))[1]

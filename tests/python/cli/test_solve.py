@@ -180,6 +180,11 @@ def line(number: int, text: str) -> Edit:
             line(1, "node,nx,ny,nu,area,gap"),
             "line 1: there is no column mu",
         ),
+        (
+            "contacts.csv",
+            line(1, "nd,nx,ny,mu,area,gap"),
+            "line 1: there is no column node, found nd, nx, ny, mu, area, gap: is it 'nd'?",
+        ),
         ("contacts.csv", line(1, "node,nx,ny,mu,area,gab"), "column 'gab' is unknown"),
         ("contacts.csv", lambda _: "node,nx,ny,mu\n", "contacts.csv has no contacts"),
         ("contacts.csv", lambda _: "", "contacts.csv is empty"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tomllib
 
 from bipot_rs.cli import arguments as shared
 from bipot_rs.cli import completion
@@ -12,7 +13,7 @@ from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import tell
 
 SUMMARY = "List the shipped scenes, or print one."
-DETAILS = ""
+DETAILS = "On a terminal each name has its title; elsewhere there are names only."
 
 
 def add_arguments(parser: shared.Parser) -> None:
@@ -27,8 +28,13 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     """Print the names or the scene; a `SceneError` if there is no such scene."""
     from bipot_rs.scene.library import shipped, text
 
+    names = shipped()
+    if found.name is None and sys.stdout.isatty():
+        titles = [tomllib.loads(text(name)).get("title", "") for name in names]
+        wide = max(map(len, names))
+        names = [f"{n:{wide}}  {t}" for n, t in zip(names, titles, strict=True)]
     if found.name is None:
-        tell("\n".join(shipped()), sys.stdout)
+        tell("\n".join(names), sys.stdout)
     else:
         tell(text(found.name).rstrip(), sys.stdout)
     return SOLVED

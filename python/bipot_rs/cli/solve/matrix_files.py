@@ -432,7 +432,8 @@ def _contacts(
 ) -> dict[str, Any]:
     """The fields of `MatrixProblem` that a table of contacts gives."""
     axes = _AXES[:dim]
-    columns = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
+    by_dof = any(name.startswith("dof") for name in table.names)
+    columns = [f"dof_{a}" for a in axes] if by_dof else ["node"]
     others = ["other"] if columns == ["node"] else [f"other_{a}" for a in axes]
     normal = [f"n{a}" for a in axes]
     table.expect((*columns, *normal, "mu"), (*others, "gap", "area"))
@@ -534,7 +535,7 @@ def _read_listed_nodes(
 
 def _values(table: CsvTable, dofs: _Dofs, components: list[str], single: str) -> Floats:
     """Values ``(steps, n)`` of a table; not a number where none is given."""
-    by_node = "node" in table.names
+    by_node = "dof" not in table.names
     needed = ("node",) if by_node else ("dof", single)
     table.expect(needed, (*(components if by_node else ()), "step"))
     names = [c for c in components if c in table.names] if by_node else [single]

@@ -429,13 +429,16 @@ class PathSolver:
             tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
             for i in range(contacts)
         ]
-        return motion.describe_motion(
+        mu = np.unique(self._contacts.law.mu)
+        friction = f" with mu = {mu[0]:g}" + (f" to {mu[-1]:g}" if len(mu) > 1 else "")
+        words = motion.describe_motion(
             motion.move_contacts(modes, amounts, d),
             find_opening(step.outcome, self._contacts.law.mu),
             points=self._contacts.x,
             frame=self._contacts.frame if moving is None else moving.frame,
             bodies=meeting,
         )
+        return f"{words},{friction}"
 
 
 def _subtract_spent(settings: Settings, spent: Step) -> Settings:
