@@ -865,7 +865,7 @@ class ContactProblem:
         self.stiffness.update(restored, digits)
         latches = self.loading.latches
         if latches is not None:
-            latches = replace(latches, rows=restored.matrix[latches.dofs])
+            latches = replace(latches, rows=restored.matrix[latches.dofs + 1])
             self.loading = replace(self.loading, latches=latches)
         self.remarks = remarks
 

@@ -363,11 +363,32 @@ def test_derivatives_by_the_preload(engine: str) -> None:
     # A shortening that is prescribed after locking.
     shift = np.zeros((3, len(model.fixed)))
     at = np.searchsorted(model.fixed, model.bolts[0].first)
-    shift[1, at] = 1.0
+    shift[1:, at] = 1.0, -0.5
     tangent = result.jvp(prescribed=shift)
-    assert np.allclose(tangent.displacement[1:, model.bolts[0].first], 1.0)
+    np.testing.assert_allclose(
+        tangent.displacement[:, model.bolts[0].first], [0.0, 1.0, -0.5], atol=1e-12
+    )
     total = np.sum(weights * tangent.reaction) + np.sum(by_u * tangent.displacement)
-    np.testing.assert_allclose(gradient.prescribed[1, at], total, rtol=1e-8)
+    by_shift = gradient.prescribed[1:, at] @ [1.0, -0.5]
+    np.testing.assert_allclose(by_shift, total, rtol=1e-8)
+
+
+def test_a_prescribed_shortening_is_that_since_tightening() -> None:
+    """In however many steps it grows."""
+    model = stand()
+    still = [[0.0] * 2] * 2
+    first = follow(model, SEQUENCE[2:3])
+    problem, start = model.problem(), first[0].shortening
+    more = model.prescribed(still, {"left": [0.02], "right": [0.0]})
+    paths = [
+        problem.solve(None, moved, start=first)
+        for moved in ([more], [more, more], [more / 4, more / 2, more])
+    ]
+    paths.append(problem.follow(prescribed=more, largest=0.3))
+    start = [start, start, start, np.zeros(2)]
+    assert len(paths[3]) > 3
+    for path, at in zip(paths, start, strict=True):
+        np.testing.assert_allclose(path[-1].shortening - at, [0.02, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
@@ -464,6 +485,7 @@ def test_another_stiffness_in_the_same_problem() -> None:
         for bolt in (np.nan, 0.0)
     ]
     load = sum(model.reference_force(n, [f, 0.0]) for n, f in forces[0].items())
+    load = load + model.body_force("frame", [0.0, -1.0])  # also beside the sections
     problem = model.problem()
     before = problem.solve([load, load], moved, tol=1e-12)
     assert model.ties is not None

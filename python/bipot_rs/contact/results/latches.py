@@ -2,7 +2,8 @@
 
 The shortening of a bolt is one: a force determines it in the steps that tighten, and later steps
 prescribe it. In the prescribed displacements of a step, NaN stands for a free latch; a number is
-its change in the step, zero to keep it. Each set of free latches has a K of its own, prepared once.
+its change since it was last free, or since a start without loads. Each set of free latches has a
+K of its own, prepared once.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ class Latches:
         filled[self.at] = np.nan_to_num(prescribed[self.at])
         if before is not None and before.shortening is not None:
             filled[self.at] += before.shortening
+            if before.prescribed is not None:
+                filled[self.at] -= np.nan_to_num(before.prescribed[self.at])
         return filled
 
     def drop_free(self, prescribed: Floats, free: Bools) -> Floats:

@@ -51,7 +51,7 @@ class Backward:
         carried = np.zeros((shape[0], shape[1] - 1))
         # Cotangent of the opening to which this step has lifted the contacts.
         lifted = np.zeros(shape[0])
-        # Cotangent of what the latches have kept from the step before.
+        # Cotangent of what the latches reached when they were last free.
         kept = np.zeros(0 if latches is None else len(latches.dofs))
         # With two coefficients there is neither cohesion nor dilatancy.
         one = path.mu.ndim == 1
@@ -65,7 +65,8 @@ class Backward:
                 of_slip = of_slip + slip[k]
             v[:, 1:] += of_slip
             if latches is not None and self._displacement is not None:
-                self._displacement[k, latches.dofs] += kept
+                tightened = path.steps[k].tightened
+                self._displacement[k, latches.dofs] += np.where(tightened, kept, 0.0)
             system = path.linear(k).adjoint()
             q, e = self._find_free_part(k, v)
             w, b = system.solve_transposed(r[k] + q, e)
@@ -82,7 +83,7 @@ class Backward:
             lifted = lifted + pulled[:, 0]
             if latches is not None:
                 own = self._find_prescribed(k, self._solve_adjoint(k, k + 1))
-                kept = own[0, latches.dofs]
+                kept = np.where(tightened, 0.0, own[0, latches.dofs] + kept)
 
     def _find_free_part(self, k: int, v: Floats) -> tuple[Floats, Floats]:
         """``W v + B K⁻¹ u`` of the cotangents, and their work on rigid motions."""

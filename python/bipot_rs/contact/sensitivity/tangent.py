@@ -32,7 +32,7 @@ class Forward:
         self.slip = np.zeros((steps, shape[0], shape[1] - 1))
         self._amounts = [np.zeros(one.motions) for one in path.responses]
         latches = path.model.latches
-        # Change of what the latches keep, and of the prescribed displacements with it.
+        # Change of what the latches reached when they were last free.
         kept = np.zeros(0 if latches is None else len(latches.dofs))
         self._moved = given.prescribed
         if latches is not None:
@@ -59,7 +59,8 @@ class Forward:
             )
             self.relative_displacement[k] = self._find_displacement(k, free)
             if latches is not None:
-                kept = self._recover_displacements(k, k + 1)[0, latches.dofs]
+                reached = self._recover_displacements(k, k + 1)[0, latches.dofs]
+                kept = np.where(path.steps[k].tightened, reached, kept)
             self.slip[k] = self.relative_displacement[k, :, 1:] - before
             before = self.relative_displacement[k, :, 1:]
             # The change of β ‖s‖, by which dilatancy lifts the contacts in a step.
