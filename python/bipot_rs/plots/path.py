@@ -12,7 +12,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.elliptic_friction import dissipation as by_pressure
 from bipot_rs.contact.law.frames import find_step_frames
-from bipot_rs.contact.law.resultants import find_limit_force, is_curved
+from bipot_rs.contact.law.resultants import is_curved, list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style as canvas
@@ -70,6 +70,8 @@ def resultants(
     chosen, frame, mu = _choose(path, on, arrays)
     surface = surface_of(arrays, len(path[0].status))
     reaction = path.reaction[:, chosen]
+    whole = arrays.get("cohesion")
+    left = np.where(path.broken, 0.0, 0.0 if whole is None else whole)[:, chosen]
     if surface is None:
         parts = [("", np.arange(reaction.shape[1]))]
     else:
@@ -83,6 +85,7 @@ def resultants(
             reaction[:, members],
             frames,
             coefficients,
+            left[:, members],
             ax,
             None if len(parts) == 1 else canvas.cycle(k),
             canvas.width(k, len(parts)),
@@ -111,6 +114,7 @@ def _of_surface(
     reaction: Floats,
     frame: Floats | None,
     mu: Floats | None,
+    cohesion: Floats,
     ax: Axes,
     colour: str | None,
     width: float,
@@ -118,39 +122,32 @@ def _of_surface(
     """Draw the lines of one surface; ``colour`` replaces the default colours."""
     number = np.arange(1, len(reaction) + 1)
     style = _style(len(reaction)) | {"lw": width}
-    force = None
-    names = ("normal", "tangential", "within Σ μ × normal")
-    if frame is not None and is_curved(_normals(frame)):
-        force = np.einsum("sck,sckd->sd", reaction, _of_steps(frame, reaction))
-        names = ("Σ normal", "Σ |tangential|", "within Σ μ × normal")
-        press = reaction[..., 0].sum(axis=1)
-        size = np.linalg.norm(reaction[..., 1:], axis=-1)
-        drag, limit = size.sum(axis=1), None
-        if mu is not None:
-            limit = find_limit_force(reaction, mu)[1].sum(axis=1)
-    else:
-        press, drag, limit, _ = sums(reaction, frame, mu)
-        drag = np.linalg.norm(drag, axis=1)
-    if force is not None and colour is None:
+    steps, n, d = reaction.shape
+    frames = np.broadcast_to(np.eye(d) if frame is None else frame, (steps, n, d, d))
+    group, friction = np.zeros(n, np.int64), np.zeros(n) if mu is None else mu
+    totals = [
+        list_resultants(r, axes, friction, group, 1, left)[0]
+        for r, axes, left in zip(reaction, frames, cohesion, strict=True)
+    ]
+    names = ("normal", "tangential")
+    if any(total.curved for total in totals):
+        names = ("Σ normal", "Σ |tangential|")
         # Wide lines below the others: equal values stay visible.
         looks = (("-", 5.0, "#c9ced3"), ("-", 3.0, "#9aa5a8"), (":", 2.0, "black"))
-        for name, values, (ls, lw, grey) in zip("xyz", force.T, looks, strict=False):
-            ax.plot(number, values, ls=ls, lw=lw, color=grey, label=f"force {name}")
+        force = np.transpose([total.force for total in totals])
+        for name, values, (ls, lw, grey) in zip("xyz", force, looks, strict=False):
+            if colour is None:
+                ax.plot(number, values, ls=ls, lw=lw, color=grey, label=f"force {name}")
+    press = [total.normal for total in totals]
+    drag = [total.tangential for total in totals]
     ax.plot(number, press, color=colour or canvas.PRESSURE, label=names[0], **style)
     # In grey the colours are alike.
-    ax.plot(
-        number, drag, ls="--", color=colour or canvas.SHEAR, label=names[1], **style
-    )
-    if limit is not None:
-        ax.fill_between(
-            number,
-            0.0,
-            limit,
-            label=names[2],
-            color=colour or canvas.LIMIT,
-            alpha=0.15,
-            lw=0,
-        )
+    dashed = style | {"color": colour or canvas.SHEAR, "ls": "--"}
+    ax.plot(number, drag, label=names[1], **dashed)
+    if mu is not None:
+        limit = [total.limit for total in totals]
+        band = ax.fill_between(number, 0.0, limit, label="within Σ μ × normal", lw=0)
+        band.set(color=colour or canvas.LIMIT, alpha=0.15)
 
 
 def _name_surfaces(names: Sequence[str], ax: Axes, curved: bool, limited: bool) -> None:
@@ -281,10 +278,9 @@ def force_displacement(
         # Only the limits on the sides where there is a force.
         rounding = 1e-9 * np.abs(drive).max()
         sides = [s for s in (1, -1) if (s * drive).max() > rounding]
-        label = {1: "Σ μ × normal", 2: "±Σ μ × normal"}[len(sides)]
         for side in sides:
+            label = "Σ μ × normal" if side == sides[0] else ""
             ax.plot(delta, side * limit, label=label, **dashed)
-            label = ""
         canvas.legend_above(ax)
     elif limit is not None:
         # Drawing so large a limit would make the loop too small to see.

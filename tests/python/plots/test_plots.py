@@ -196,11 +196,13 @@ def test_cohesion_adds_to_the_limit_until_it_breaks() -> None:
     load = [-2.0, 0.1, -2.0, 0.1, 1.0, 0.0]
     law = {"gap": np.zeros(3), "mu": 0.5, "cohesion": [1.0, 2.0, 3.0]}
     places = {"points": x, "frame": np.tile(np.eye(2)[::-1], (3, 1, 1))}
-    ax = plots.tractions(
-        bp.solve(np.eye(6), np.eye(6), load, area=[1.0, 4.0, 1.0], **law, **places)
-    )
+    result = bp.solve(np.eye(6), np.eye(6), load, area=[1.0, 4.0, 1.0], **law, **places)
+    ax = plots.tractions(result)
     limit = drawn_lines(ax)["±(c + μ × pressure)"][:, 1]
     np.testing.assert_allclose(limit, [2.0, 0.75, 0.0], rtol=1e-9)
+    (band,) = plots.resultants(result).collections
+    top = band.get_paths()[0].vertices[:, 1].max()
+    assert top == pytest.approx(2.0 + 4 * 0.75, rel=1e-9)
 
 
 def test_slip_along_a_line(line: Any) -> None:
@@ -623,7 +625,7 @@ def test_area_of_the_loop_is_the_dissipation() -> None:
     assert result.dissipation[1:].sum() == pytest.approx(exact, rel=1e-10)
     # The force drives the block: it is positive where the block is pulled up.
     assert drawn[0, 1] == pytest.approx(mu * N)
-    np.testing.assert_allclose(drawn_lines(ax)["±Σ μ × normal"][:, 1], mu * N)
+    np.testing.assert_allclose(drawn_lines(ax)["Σ μ × normal"][:, 1], mu * N)
     assert ax.get_xlabel() == "displacement [mm]"
     lost = plots.dissipation(result, units=UNITS)
     np.testing.assert_allclose(
