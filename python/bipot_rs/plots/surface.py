@@ -393,7 +393,7 @@ def _arrows(
         scale = most / (1.6 * across)
         colours = (values[chosen],)
         look["clim"] = (0.0, most)
-    return ax.quiver(
+    drawn = ax.quiver(
         *uv[chosen].T,
         *flat.T,
         *colours,
@@ -402,8 +402,14 @@ def _arrows(
         scale_units="xy",
         scale=scale,
         width=5e-3,
+        # Arrows at the edges are whole, over the frame.
+        clip_on=False,
+        zorder=3,
         **look,
     )
+    # matplotlib takes directions for places in the extent of arrows that are not clipped.
+    drawn.set_in_layout(False)
+    return drawn
 
 
 def _thin(uv: Floats, wanted: Bools, values: Floats | None) -> NDArray[np.intp]:
