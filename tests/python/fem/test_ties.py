@@ -121,6 +121,6 @@ def test_prescribed_values_that_contradict_a_relation() -> None:
     )
     model.prescribed([[0.0, 0.1]], {"grip": [0.0, 0.1, 0.0]})
     with pytest.raises(
-        ValueError, match=r"contradict a rigid set .* by 0\.3: prescribe"
+        ValueError, match=r"contradict a rigid set.* by 0\.3: prescribe"
     ):
         model.prescribed([[0.0, 0.1]], {"grip": [0.0, 0.4, 0.0]})

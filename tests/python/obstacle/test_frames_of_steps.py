@@ -263,6 +263,10 @@ def test_forces_of_supports_and_contacts_balance_in_each_step() -> None:
     size = np.abs(pushed).max()
     np.testing.assert_allclose(pushed, -held, rtol=0, atol=1e-9 * size)
     np.testing.assert_allclose(pushed, result.resultant, rtol=0, atol=1e-12 * size)
+    table = result.table()
+    for k, axis in enumerate("xy"):
+        listed = table[f"force_{axis}"]
+        np.testing.assert_allclose(listed, pushed[:, k], rtol=0, atol=1e-12 * size)
     # In fields for ParaView forces are global too.
     from bipot_rs.fem.paraview import contact_fields
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.progress import drop_rounding
 from bipot_rs.cli.text_table import format_table, table_width
-from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.messages.remarks import NEVER_CLOSED
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.tables import (
@@ -52,14 +51,14 @@ _MOST_ROWS = 60
 
 def forces(model: Assembly, step: Step) -> dict[str, float | None]:
     """`list_surface_forces` of a model, with keys such as ``"normal_force of block.bottom"``."""
-    frame = find_step_frames(step, model.frame)
     names = surface_names(model)
     cohesion = model.cohesion if model.cohesion.any() else None
     points = None if model.numbered.axisymmetric else model.points
     law = model.mu, model.group, names, cohesion
-    return list_surface_forces(step, frame, *law, points, model.area) | list_bolts(
-        step, [bolt.name for bolt in model.bolts]
-    )
+    bolts = [bolt.name for bolt in model.bolts]
+    return list_surface_forces(
+        step, model.frame, *law, points, model.area
+    ) | list_bolts(step, bolts)
 
 
 def by_surface(

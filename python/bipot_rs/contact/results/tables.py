@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bipot_rs._lib.types import AnyArray, Floats, Ints
+from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.resultants import list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.solution import Step
@@ -72,7 +73,8 @@ def list_surface_forces(
 ) -> dict[str, float | None]:
     """`FORCES` of named surfaces; ``group (n_c,)`` is the surface number of each contact.
 
-    ``cohesion`` is that of unbroken contacts, which adds to the limit ``Σ μ r_n``.
+    ``frame`` are those of B. ``cohesion`` is that of unbroken contacts, which adds to the limit
+    ``Σ μ r_n``.
 
     They are those of `Resultant`. Flat surface: ``Σ r_n``, ``‖Σ r_t‖`` and
     ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
@@ -82,6 +84,7 @@ def list_surface_forces(
     forces: dict[str, float | None] = {}
     if cohesion is not None and step.broken is not None:
         cohesion = np.where(step.broken, 0.0, cohesion)
+    frame = find_step_frames(step, frame)
     each = list_resultants(
         step.reaction, frame, mu, group, len(names), cohesion, x, area
     )

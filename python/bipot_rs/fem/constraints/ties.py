@@ -152,8 +152,8 @@ class Ties:
             dof = int(self.given.indices[self.given.indptr[row]])
             raise ValueError(
                 f"the displacements that supports prescribe near {self._place(dof // dim)} "
-                f"contradict a rigid set or a cyclic symmetry by {off[row]:g}: prescribe "
-                "values that agree, or leave them out on one side"
+                f"contradict a rigid set, a cyclic symmetry or the section of a bolt by "
+                f"{off[row]:g}: prescribe values that agree, or leave them out on one side"
             )
 
     def _place(self, node: int) -> str:
@@ -225,8 +225,9 @@ def _refuse_planes(
         if both.size:
             raise ValueError(
                 f"the node at {place(nodes[both[0] // nodes.shape[1]])} is on an inclined "
-                "plane of symmetry and in a rigid set or a cyclic symmetry: exclude it by "
-                "within, or rotate the mesh so that the plane is normal to an axis"
+                "plane of symmetry and in a rigid set, a cyclic symmetry or the section of a "
+                "bolt: exclude it by within, or rotate the mesh so that the plane is normal to "
+                "an axis"
             )
 
 
