@@ -1,5 +1,6 @@
 """Whether reactions balance the loads: verdicts as a linear programme, proofs without rounding."""
 
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -355,6 +356,45 @@ def test_many_blocks_need_no_dense_R() -> None:
     )
     sparse = statics.measure_imbalance(r.ravel(), e)
     assert sparse == pytest.approx(small.residual(r, np.zeros(len(e))), rel=1e-9)
+
+
+@pytest.mark.parametrize(("height", "side"), [(4, 1.0), (20, 9.0)])
+def test_many_blocks_follow_a_free_displacement_that_is_rigid(
+    height: int, side: float
+) -> None:
+    """240 and 1,200 motions: the reactions are those at rest, and no solver runs."""
+    still = towers(20, height, side)
+    assert still.rigid is not None
+    R, e = still.rigid
+    b = np.random.default_rng(height).normal(size=len(e))
+    assert len(b) > 200
+    q = (R @ b).reshape(-1, 2)
+    moved = bp.ReducedProblem(still.W, q, 0.5, rigid=(R, e)).solve()
+    assert moved.converged
+    assert moved.iterations == 0
+    assert moved.rigid_motion is not None
+    # Rounding of q by the condition of R, some hundred.
+    np.testing.assert_allclose(moved.rigid_motion, -b, atol=1e-12)
+    np.testing.assert_array_equal(moved.reaction, still.solve().reaction)
+    # A foot slides where it carries less than the push.
+    slides = towers(20, height, height + 1.0).rigid
+    refused = bp.ReducedProblem(still.W, q, 0.5, rigid=slides).solve()
+    assert refused.outcome is bp.Outcome.NO_EQUILIBRIUM
+
+
+def test_a_limit_of_time_is_one_for_all_groups() -> None:
+    # Forty towers are as many programmes, each far shorter than a quarter of all.
+    problem = towers(40, 20, 9.0)
+    seconds = []
+    for _ in range(3):
+        start = perf_counter()
+        assert problem.equilibrium().verdict == "balanced"
+        seconds.append(perf_counter() - start)
+    quarter = min(seconds) / 4
+    found = problem.equilibrium(max_seconds=quarter)
+    assert found.verdict == "undecided"
+    assert found.motion is None
+    assert str(problem.solve(max_seconds=quarter).outcome) == "time_limit"
 
 
 @pytest.mark.parametrize(
