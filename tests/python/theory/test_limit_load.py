@@ -3,20 +3,23 @@
 import math
 import pickle
 
+import bearing_capacity
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import sparse
 
 from bipot_rs import fem
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.fem.bodies.elasticity import nodal_forces
 from bipot_rs.mesh.boxes import box
 from bipot_rs.mesh.elements import second_order
-from bipot_rs.theory.limit_load import LimitLoadError, find_mechanism
+from bipot_rs.theory.limit_load import LimitLoadError, bound_load, find_mechanism
 from bipot_rs.theory.soil_body import Soil
 from bipot_rs.theory.soils import DruckerPrager
 from bipot_rs.theory.structure import Structure
 from bipot_rs.theory.structure_state import StepNotConvergedError
+from support.rational import excludes_balance
 
 pytestmark = pytest.mark.needs_extra
 
@@ -194,3 +197,27 @@ def test_strip_footing_without_dilatancy() -> None:
     force = footing(6, 0.0, steps, kind="quadrilateral")
     # The limit is below that of associated flow, 1.7 % above the closed form on these cells.
     assert 0.95 < force / prandtl() < 1.02
+
+
+@pytest.mark.parametrize("cells", [3, pytest.param(6, marks=pytest.mark.slow)])
+def test_ground_above_its_limit_is_refused_without_rounding(cells: int) -> None:
+    """280 and 1,260 plastic points below a smooth footing, the friction angle 20 degrees."""
+    ground, foot, places = bearing_capacity.footing(cells, 20.0, 0.0)
+    # A pressure of 1 by Simpson's rule on sides of three nodes.
+    sides = np.diff(places[foot[::2], 0])
+    load = np.zeros(ground.n)
+    for k, side in enumerate(sides):
+        load[2 * foot[2 * k : 2 * k + 3] + 1] -= side * np.array([1, 4, 1]) / 6
+    limit = bound_load(ground, load).upper
+    # Displacement elements and proofs are above the closed form.
+    assert 1 < limit / bearing_capacity.prandtl(20.0) < 1.03
+    assert find_mechanism(ground, 0.99 * limit * load) is None
+    (points,), free = ground.points, ground.free
+    strain = sparse.csr_array(points.strain)[:, free]
+    borne = strain.T @ (points.weights[:, None] * points.rest).ravel()
+    for share in (1.001, 1.1, 1.5, 2.7):
+        motion = find_mechanism(ground, share * limit * load)
+        assert motion is not None, share
+        moved, beyond = motion[free], share * limit * load[free] - borne
+        assert excludes_balance(strain, beyond, points.law.mu, moved, points.d)
+        assert excludes_balance(ground.B[:, free], beyond, 0.0, moved, 2)
