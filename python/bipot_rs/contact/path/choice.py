@@ -44,7 +44,7 @@ def choose_engine(
         Bytes that the direct engine may use; None if unknown.
 
     >>> choose_engine(12_000, 400, 2, 8e9)
-    ('direct', 'the problem is small: it is factorised once')
+    ('direct', 'a small problem, factorised once')
     >>> choose_engine(148_000, 1369, 2, 8e9)
     ('iterative', 'a factorisation would take longer than 2 load steps')
     >>> choose_engine(148_000, 1369, 200, 8e9)
@@ -55,7 +55,7 @@ def choose_engine(
     ('iterative', 'the factor would take 33.2 GB of 8 GB')
     """
     if free < tuning.LEAST_ITERATIVE:
-        return "direct", "the problem is small: it is factorised once"
+        return "direct", "a small problem, factorised once"
     needed = forecast_bytes(free, contacts)
     if available is not None and needed > available:
         return (

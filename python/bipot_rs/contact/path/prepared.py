@@ -608,7 +608,7 @@ class PreparedStiffness:
         if self._contacts.d == 2:
             return "the problem is plane"
         if options.free < tuning.LEAST_ITERATIVE:
-            return "the problem is small: it is factorised once"
+            return "a small problem, factorised once"
         if self._loads is not None or options.working_set is not None:
             return "loads or working_set is given"
         return ""
