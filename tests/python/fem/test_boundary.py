@@ -19,6 +19,14 @@ CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 STEEL = fem.Material(200.0, 0.3, thickness=0.5)
 
 
+# Rotations: in the plane, about a general axis in space, about a vertical axis.
+TURNS = {
+    "plane": Rotation.from_rotvec([0, 0, np.pi / 6]).as_matrix()[:2, :2],
+    "space": Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix(),
+    "upright": Rotation.from_rotvec([0, 0, np.pi / 6]).as_matrix(),
+}
+
+
 def block(cell: str, degree: int = 1) -> fem.Body:
     mesh = fem.box([np.linspace(0, 1, 4)] * CELLS[cell], cell)
     return fem.Body("it", mesh if degree == 1 else elements.second_order(mesh), STEEL)
@@ -166,6 +174,61 @@ def test_half_a_body_with_symmetry_equals_the_whole(cell: str, degree: int) -> N
     assert 1 in part.status[0]
 
 
+@pytest.mark.parametrize(
+    "turn", [np.eye(3), TURNS["space"]], ids=["straight", "turned"]
+)
+def test_half_a_mortar_joint_equals_the_whole(turn: Floats) -> None:
+    """Facets at the plane are halves: what they move across it cancels in the whole joint."""
+    forces, displacements = [], []
+    for low in (-1.0, 0.0):
+
+        def body(
+            name: str, x: Floats, cells: int, z: list[float], low: float = low
+        ) -> Any:
+            y = np.linspace(low, 1, cells * (2 if low else 1) + 1)
+            mesh = turned(fem.box([x, y, np.array(z)], "hexahedron"), turn)
+            return fem.Body(name, mesh, fem.Material(10.0, 0.3))
+
+        bodies = [
+            body("lower", np.linspace(0, 2, 5), 3, [0.0, 0.5]),
+            body("upper", np.linspace(0.3, 2.4, 4), 2, [0.5, 0.75, 1.0]),
+        ]
+        contact = fem.Contact(
+            "upper", "bottom", 0.2, against=("lower", "top"), pairing="mortar"
+        )
+        planes = [] if low else [fem.Symmetry(b.name, "front") for b in bodies]
+        ends = [("lower", "left"), ("upper", "right")]
+        supports = [fem.Support(*end, (0, 1, 2)) for end in ends]
+        model = fem.assemble(bodies, [contact], supports, symmetries=planes)
+        x, y, z = turn.T
+
+        def pressed(at: Floats, y: Floats = y, z: Floats = z) -> Floats:
+            return np.multiply.outer(-0.02 * z, 1 + np.tensordot(y, at, 1) ** 2)
+
+        load = model.traction("upper", "top", pressed)
+        values = model.prescribed([np.zeros(3), 1e-2 * x])
+        result = model.problem().solve(load, values, tol=1e-12)
+        at, moved = [], []
+        for b in bodies:
+            at.append(b.points @ turn)
+            moved.append(model.displacement_of(b.name, result.displacement[0]) @ turn)
+        force = np.einsum("cij,ci->cj", model.frame, result.reaction[0]) @ turn
+        middle = abs(model.points @ y) < 1e-12
+        force *= np.where(middle & (low < 0), 0.5, 1.0)[:, None]
+        places = [model.points @ turn, *at]
+        order = [np.lexsort(p[p[:, 1] > -1e-9].round(9).T) for p in places]
+        fields = [
+            v[p[:, 1] > -1e-9][o]
+            for v, p, o in zip([force, *moved], places, order, strict=True)
+        ]
+        forces.append(fields[0])
+        displacements.append(np.vstack(fields[1:]))
+        assert {1, 2} <= set(result.status[0].tolist())
+    for whole, half in (forces, displacements):
+        # η of 1e-12 with a condition of 10³.
+        np.testing.assert_allclose(half, whole, rtol=0, atol=1e-9 * abs(whole).max())
+
+
 def doubled(right: object) -> object:
     """A mesh and its mirror image about x = 0 as one mesh, with ``bottom`` and ``top``."""
     p, t = right.p, right.t
@@ -203,14 +266,6 @@ def turned(
 ) -> Any:
     p = (turn @ mesh.p + np.reshape(off, (-1, 1))).round(digits)
     return type(mesh)(p, mesh.t, mesh.boundaries, mesh.subdomains)
-
-
-# Rotations: in the plane, about a general axis in space, about a vertical axis.
-TURNS = {
-    "plane": Rotation.from_rotvec([0, 0, np.pi / 6]).as_matrix()[:2, :2],
-    "space": Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix(),
-    "upright": Rotation.from_rotvec([0, 0, np.pi / 6]).as_matrix(),
-}
 
 
 # Distance from the origin, decimals of coordinates, and the allowed difference from the

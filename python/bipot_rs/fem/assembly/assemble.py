@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import sparse
 
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs.contact.law.frames import turn_operator
@@ -113,9 +114,11 @@ def assemble(
             meetings = merge_images(meetings, contacts, cut, cuts, nodes)
             refuse_floating(contacts, cut)
     met = _stack(meetings, contacts, dim)
-    B, bare = relative_displacement(meetings, n), None
+    B = relative_displacement(meetings, n)
+    B, bare = _stay_in_planes(B, met, contacts, numbered, planes, nodes), None
 
-    inclined = make_planes(planes, fixed, nodes)
+    oblique = [(first, n) for first, n in planes if np.count_nonzero(n) > 1]
+    inclined = make_planes(oblique, fixed, nodes)
     if inclined is not None:
         frame_of_rows, met = met.frame, _turn_tangents(met, contacts, inclined)
         bare = turn_operator(met.frame, frame_of_rows, B)
@@ -176,14 +179,13 @@ def assemble(
 def _sort_planes(
     bodies: NumberedBodies, symmetries: Sequence[Symmetry]
 ) -> tuple[list[Support], list[tuple[Ints, Floats]]]:
-    """Planes normal to an axis as supports; others as degrees of freedom and a normal."""
-    straight, inclined = [], []
+    """Planes normal to an axis as supports, and all by degrees of freedom and a normal."""
+    straight, planes = [], []
     for symmetry in symmetries:
         numbered = bodies[symmetry.body]
         nodes, axis, normal = plane_of(numbered.body, symmetry)
-        if axis is None:
-            inclined.append((numbered.dofs[nodes, 0], normal))
-        else:
+        planes.append((numbered.dofs[nodes, 0], normal))
+        if axis is not None:
             straight.append(Support(symmetry.body, symmetry.surface, (axis,)))
         if bodies.axisymmetric and axis != 1:
             raise ValueError(
@@ -197,7 +199,7 @@ def _sort_planes(
         if r.min() <= ROUNDING * np.ptp(r):
             axis_of = {0: (-np.inf, 0.0)}
             straight.append(Support(numbered.body.name, None, (0,), axis_of))
-    return straight, inclined
+    return straight, planes
 
 
 def _check_axisymmetric(
@@ -301,6 +303,37 @@ def _turn_tangents(
     # Contacts with two friction coefficients keep their tangents.
     plain = np.array([np.ndim(c.mu) == 0 for c in contacts], np.bool_)[met.group]
     return replace(met, frame=inclined.tangents(met.frame, met.dofs[:, 0], plain))
+
+
+def _stay_in_planes(
+    B: CsrMatrix,
+    met: _Contacts,
+    contacts: Sequence[Contact],
+    bodies: NumberedBodies,
+    planes: Sequence[tuple[Ints, Floats]],
+    nodes: Floats,
+) -> CsrMatrix:
+    """B without what nodes beside a plane of symmetry move across it at contacts on it.
+
+    The other halves of the facets move to the other side: the integral over both is zero.
+    """
+    d, near = nodes.shape[1], _NO_WAY * np.ptp(nodes, axis=0).max()
+    for first, normal in planes:
+        height = (nodes - nodes[first[0] // d]) @ normal
+        flat = [other for other, _ in planes if (abs(height[other // d]) <= near).all()]
+        on = np.isin(np.arange(len(nodes)), np.concatenate(flat) // d)
+        sides = [c.against and bodies[c.against[0]].dofs[:, 0] // d for c in contacts]
+        halved = np.array([side is None or on[side].any() for side in sides], np.bool_)
+        inside = np.isin(met.dofs[:, 0], first) & halved[met.group]
+        inside &= abs(met.frame[:, 0] @ normal) <= _NO_WAY
+        beside = B.tocoo()
+        kept = inside[beside.row // d] & ~on[beside.col // d]
+        if kept.any():
+            entries = beside.data[kept], (beside.row[kept], beside.col[kept])
+            across = sparse.kron(sparse.eye_array(len(nodes)), np.outer(normal, normal))
+            B = sparse.csr_array(B - sparse.csr_array(entries, B.shape) @ across)
+            B.eliminate_zeros()
+    return B
 
 
 def _without_slip(
