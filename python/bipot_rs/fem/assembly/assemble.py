@@ -138,6 +138,8 @@ def assemble(
     path = gaps_of_steps(meetings, contacts, met.frame, inclined is not None)
     free = np.ones(n)
     free[fixed] = 0.0
+    # The shortening of a bolt is prescribed in some load steps only.
+    free[[point.first for point in points_of if point.kind == "bolt"]] = 1.0
     whole = B if ties is not None or bare is None else bare
     stuck = _without_slip(B, whole, free, met.frame, path)
     for numbers in (met.mu, met.cohesion, met.dilatancy):
