@@ -459,7 +459,7 @@ def test_the_force_is_that_of_the_section(cell: str) -> None:
 
 
 def test_friction_acts_where_only_the_shortening_slips() -> None:
-    """An obstacle pressed by 300 against a copy whose own node is held; it carries up to 150."""
+    """An obstacle pressed by 300 against a copy whose own node is held carries 100, and up to 150."""
     mesh = fem.box([np.linspace(0, 2, 3), np.linspace(0, 10, 6)], "quadrilateral")
     middle = mesh.p[:, mesh.facets].mean(axis=1)
     left = np.flatnonzero(middle[0] == 0)
@@ -481,8 +481,9 @@ def test_friction_acts_where_only_the_shortening_slips() -> None:
         [Support("bar", "lower", (0, 1))],
         bolts=[Bolt("bar", "bar", ([0.0, 5.0], [0.0, 1.0]))],
     )
-    load = model.reference_force("bar", [100.0, 0.0])
+    load = model.reference_force("bar", [500.0, 0.0])
     load += model.reference_force("pad", [300.0, 0.0])
+    load += model.traction("bar", "top", [0.0, 200.0])  # 400 of the 500
     free = model.prescribed([[0.0, 0.0]], {"bar": [np.nan]})
     result = model.problem().solve(load, free, tol=1e-12)
     np.testing.assert_allclose(np.abs(result.reaction[0, 0]), [300, 100], rtol=1e-9)
