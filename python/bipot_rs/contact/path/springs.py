@@ -324,7 +324,7 @@ def _number_by_nodes(n: int, d: int, coordinates: Floats | None) -> Ints:
 
 
 def _assemble(
-    entries: list[tuple[int, int, float]], shape: tuple[int, int]
+    entries: Sequence[tuple[object, object, object]], shape: tuple[int, int]
 ) -> CsrMatrix:
     """A matrix of entries (row, column, value)."""
     from scipy.sparse import csr_array

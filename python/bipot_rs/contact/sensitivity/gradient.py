@@ -64,8 +64,12 @@ class Backward:
             if slip is not None:
                 of_slip = of_slip + slip[k]
             v[:, 1:] += of_slip
-            if latches is not None and self._displacement is not None:
-                tightened = path.steps[k].tightened
+            tightened = path.steps[k].tightened
+            if (
+                latches is not None
+                and tightened is not None
+                and self._displacement is not None
+            ):
                 self._displacement[k, latches.dofs] += np.where(tightened, kept, 0.0)
             system = path.linear(k).adjoint()
             q, e = self._find_free_part(k, v)
@@ -81,7 +85,7 @@ class Backward:
             self.rest += system.laws.adjoint_rest(w) * path.felt[k] * one
             carried = pulled[:, 1:] - of_slip
             lifted = lifted + pulled[:, 0]
-            if latches is not None:
+            if latches is not None and tightened is not None:
                 own = self._find_prescribed(k, self._solve_adjoint(k, k + 1))
                 kept = np.where(tightened, 0.0, own[0, latches.dofs] + kept)
 

@@ -58,9 +58,10 @@ class Forward:
                 path.linear(k), change
             )
             self.relative_displacement[k] = self._find_displacement(k, free)
-            if latches is not None:
+            tightened = path.steps[k].tightened
+            if latches is not None and tightened is not None:
                 reached = self._recover_displacements(k, k + 1)[0, latches.dofs]
-                kept = np.where(path.steps[k].tightened, reached, kept)
+                kept = np.where(tightened, reached, kept)
             self.slip[k] = self.relative_displacement[k, :, 1:] - before
             before = self.relative_displacement[k, :, 1:]
             # The change of β ‖s‖, by which dilatancy lifts the contacts in a step.
