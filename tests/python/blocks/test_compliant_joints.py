@@ -74,3 +74,25 @@ def test_a_wall_is_solved_without_dense_motions(mu: float) -> None:
         assert solution.outcome is bp.Outcome.CONVERGED
         misses = find_misses(other, solution, (units[0] * force, units[1] * length))
         assert max(misses) <= 1e-8
+
+
+@pytest.mark.parametrize("bricks", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("lean", [0.0, 0.01, 0.1])
+def test_friction_that_nothing_presses_holds_no_overhanging_brick(
+    bricks: int, lean: float
+) -> None:
+    """The last brick overhangs by half, and tips off with any lean to its side.
+
+    Friction on the joint beside it would hold it, and balances the loads. But it tips away from
+    that joint: of all combinations of statuses none is a state.
+    """
+    blocks = [Block("ground", [[-3, -1], [2.5, -1], [2.5, 0], [-3, 0]])]
+    for k in range(bricks):
+        x = 2 - k
+        blocks.append(Block(f"{k}", [[x, 0], [x + 1, 0], [x + 1, 1], [x, 1]]))
+    row = bp.blocks.assemble(
+        blocks, 0.6, supports=["ground"], gravity=[lean, -1], stiffness=(1000.0, 400.0)
+    )
+    assert row.equilibrium().verdict == "balanced"
+    assert row.existence(exhaust=True).verdict == ("none" if lean else "guaranteed")
+    assert row.solve().converged == (lean == 0)
