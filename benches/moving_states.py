@@ -2,6 +2,7 @@
 
     python benches/moving_states.py
     python benches/moving_states.py --walls 3 --print
+    python benches/moving_states.py --walls 6 --starts 0 --paths
 
 In a moving state the push does the work 1, reactions in the friction cones balance weight and
 push times λ, and Coulomb's law holds with W = 0. Each start solves the problem with a prescribed
@@ -9,6 +10,10 @@ push and small compliances of the joints, equal or random. Its statuses make the
 reactions, motion and λ, so linear programmes give the smallest and largest λ with these
 statuses. `judge` reads neither statuses nor the solver's certificate: only its number says that
 a state is one, so statuses of a solve that did not converge are starts like any others.
+
+One more start are convex problems with given slips, which need no solver of this package, at
+smaller and smaller compliance. From the smallest load a search goes on: contacts on the border
+of two statuses change one after the other, as long as the load falls.
 
 The load path has equal compliances of all joints. The push is raised by steps, each from the
 last reactions; a step without a converged solution in time is refined. Rewrites the table of
@@ -21,6 +26,7 @@ import numpy as np
 import tables
 from scipy import sparse
 from scipy.optimize import linprog
+from scipy.sparse.linalg import splu
 
 import bipot_rs as bp
 
@@ -28,8 +34,11 @@ MU = 0.65
 PAGE = tables.HERE.parent / "docs" / "masonry.md"
 SHEET = "moving_states.csv"
 HEAD = tables.columns(
-    "wall | largest static load λ_a | loads of moving states found | end of the load path"
+    "wall | largest static load λ_a | loads of moving states by their starts | smallest found"
+    " | end of the load path"
 )
+# Rows of the CSV file that are moving states: by the solver, by given slips, by the search.
+MOVING = {"moving", "slips", "search"}
 # Rows of bricks from the bottom, as on the page.
 A, B = [0.5, 1, 1, 1, 1, 0.5], [1, 1, 1, 1, 1]
 C, D = [1, 1, 1, 1], [0.5, 1, 1, 1, 0.5]
@@ -54,6 +63,14 @@ EXACT = 1e-12
 # Parts of the largest reaction or displacement of a contact below which it counts as none. They
 # sort what a compliance leaves over from what is there; `judge` knows nothing of them.
 NO_FORCE, NO_SLIP, ON_THE_CONE = 1e-7, 1e-5, 1e-4
+# A contact is on the border of two statuses if it misses the other by this part of the largest
+# reaction or displacement: vertices of linear programmes end near 1e-15.
+BORDER = 1e-9
+# Compliances of the problems with given slips, passes with each, and the change of the slips, as
+# part of them, at which they end. At 1e-6 the statuses of wall 6 are not yet those of a state.
+COMPLIANCES, PASSES, SETTLED = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8), 400, 1e-8
+# Linear programmes of the search; a fall of the load below FALL counts as none.
+PROGRAMMES, FALL = 3000, 1e-9
 # First and last step of the load path, as parts of λ_a.
 FIRST, LAST = 0.05, 1e-3
 
@@ -115,6 +132,122 @@ def find_moving(wall, compliance):
     moved = solution.relative_displacement.ravel() - compliance * r.ravel()
     motion = np.linalg.lstsq(wall.R.toarray(), moved)[0]
     return State(r, motion, load), solution.outcome
+
+
+def solve_convex(wall, compliance, slip):
+    """The state of an associated law at given slips, by an interior-point method.
+
+    Minimises ``½ δ |r|² + μ slip·r_n - λ`` over reactions in the cones that balance the loads.
+    """
+    m = len(wall.mu)
+    # Multiples y >= 0 of the edges of cones: r_n = (y_0 + y_1)/(2 μ), r_t = (y_0 - y_1)/2.
+    half = 0.5 / wall.mu
+    edges = sparse.block_diag([[[h, h], [0.5, -0.5]] for h in half], format="csr")
+    rows, push = sparse.csr_array(wall.R.T @ edges), wall.push
+    inside = edges.T @ sparse.diags_array(compliance) @ edges
+    soft = sparse.bsr_array(inside, blocksize=(2, 2)).data
+    cost = np.repeat(wall.mu * slip * half, 2)
+    y, z = np.ones(2 * m), np.ones(2 * m)
+    motion, load = push / (push @ push), 0.0
+
+    def multiply(blocks, x):
+        return (blocks @ x.reshape(m, 2, 1)).ravel()
+
+    def reach(y, dy, z, dz):
+        ends = (-(x / dx)[dx < 0] for x, dx in ((y, dy), (z, dz)))
+        return min(1.0, *(end.min(initial=np.inf) for end in ends))
+
+    for _ in range(60):
+        gap = y @ z / (2 * m)
+        left = multiply(soft, y) + cost + rows.T @ motion
+        imbalance = rows @ y + wall.weight + load * push
+        lacks = gap, np.abs(left - z).max(), np.abs(imbalance).max()
+        if max(lacks) < EXACT:
+            break
+        inverse = np.linalg.inv(soft + (z / y).reshape(m, 2, 1) * np.eye(2))
+        middle = sparse.bsr_array((inverse, np.arange(m), np.arange(m + 1)))
+        border = push[:, None]
+        matrix = [[-(rows @ middle @ rows.T), border], [border.T, None]]
+        factor = splu(sparse.block_array(matrix, format="csc"))
+        work = push @ motion
+        # Predictor and corrector of Mehrotra.
+        aim = np.zeros(2 * m)
+        for corrects in (False, True):
+            right = aim / y - left
+            missed = imbalance + rows @ multiply(inverse, right)
+            dx = factor.solve(np.append(-missed, 1 - work))
+            dy = multiply(inverse, right - rows.T @ dx[:-1])
+            dz = (aim - z * dy) / y - z
+            share = reach(y, dy, z, dz)
+            if not corrects:
+                after = (y + share * dy) @ (z + share * dz) / (2 * m)
+                aim = (after / gap) ** 3 * gap - dy * dz
+        share = min(1.0, 0.995 * share)
+        y, z = y + share * dy, z + share * dz
+        motion, load = motion + share * dx[:-1], load + share * dx[-1]
+    return State((edges @ y).reshape(m, 2), motion, load)
+
+
+def approach(wall, ratios):
+    """States with compliances ``ratios (2 n_c,)`` times smaller and smaller numbers."""
+    slip = np.zeros(len(wall.mu))
+    for compliance in COMPLIANCES:
+        for _ in range(PASSES):
+            state = solve_convex(wall, compliance * ratios, slip)
+            moved = wall.R @ state.motion + compliance * ratios * state.reaction.ravel()
+            change = np.abs(moved[1::2]) - slip
+            # Undamped passes go to and fro.
+            slip = slip + 0.5 * change
+            pressed = state.reaction[:, 0] > BORDER * np.abs(state.reaction).max()
+            if np.linalg.norm(change[pressed]) < SETTLED * np.linalg.norm(slip):
+                break
+        yield state
+
+
+def change_statuses(wall, state, is_open, sticks, slip):
+    """Statuses that differ in one contact, which is on the border of both."""
+    r, v = state.reaction, (wall.R @ state.motion).reshape(-1, 2)
+    force, length = BORDER * np.abs(r).max(), BORDER * np.abs(v).max()
+    free, still = r[:, 0] <= force, np.abs(v).max(axis=1) <= length
+    slides = (v[:, 0] <= length) & (wall.mu * r[:, 0] - np.abs(r[:, 1]) <= force)
+    allowed = [
+        (free, True, False, 0.0),
+        (still, False, True, 0.0),
+        *(
+            (
+                slides & (way * v[:, 1] >= -length) & (way * r[:, 1] <= force),
+                False,
+                False,
+                way,
+            )
+            for way in (1.0, -1.0)
+        ),
+    ]
+    for may, opened, stuck, way in allowed:
+        new = may & ~((is_open == opened) & (sticks == stuck) & (slip == way))
+        for contact in np.flatnonzero(new):
+            changed = is_open.copy(), sticks.copy(), slip.copy()
+            for status, value in zip(changed, (opened, stuck, way), strict=True):
+                status[contact] = value
+            yield changed
+
+
+def descend(wall, state, statuses):
+    """The state at the end of the search from an exact one, and how many programmes it took."""
+    rng, count = np.random.default_rng(0), 0
+    while True:
+        others = list(change_statuses(wall, state, *statuses))
+        for choice in rng.permutation(len(others)):
+            count += 1
+            states = find_range(wall, *others[choice])
+            falls = states and states[0].load < state.load - FALL
+            if falls and judge(wall, states[0]) <= EXACT:
+                state, statuses = states[0], others[choice]
+                break
+            if count == PROGRAMMES:
+                return state, count
+        else:
+            return state, count
 
 
 def sort_contacts(wall, state):
@@ -236,16 +369,35 @@ def measure(number, starts, path):
 
     gap = 1 - static.reached / static.upper
     yield row("static", "", static.reached, static.upper, gap)
+
+    def find_states(state):
+        statuses = sort_contacts(wall, state)
+        states = find_range(wall, *statuses)
+        return statuses, states, max((judge(wall, s) for s in states), default=np.inf)
+
     for start in range(starts):
         ratios = 10 ** np.random.default_rng(start).uniform(-1, 1, wall.R.shape[0])
         compliance = COMPLIANCE * (ratios if start else np.ones_like(ratios))
         state, outcome = find_moving(wall, compliance)
-        states = find_range(wall, *sort_contacts(wall, state))
-        residual = max((judge(wall, state) for state in states), default=np.inf)
+        _, states, residual = find_states(state)
         print(f"  start {start} {outcome}, judged {residual:.1e}", flush=True)
         if residual <= EXACT:
             loads = [state.load for state in states]
             yield row("moving", start, min(loads), max(loads), residual, outcome)
+    lowest = None
+    equal = approach(wall, np.ones(wall.R.shape[0]))
+    for compliance, state in zip(COMPLIANCES, equal, strict=True):
+        statuses, states, residual = find_states(state)
+        print(f"  compliance {compliance:g}, judged {residual:.1e}", flush=True)
+        if residual <= EXACT:
+            low, high = states[0], states[-1]
+            start = f"{compliance:g}"
+            yield row("slips", start, low.load, high.load, residual)
+            if lowest is None or low.load < lowest[0].load:
+                lowest = low, statuses
+    if lowest is not None:
+        state, count = descend(wall, *lowest)
+        yield row("search", count, state.load, state.load, judge(wall, state))
     if path:
         load, step, residual = follow_path(wall, static.upper)
         yield row("path", "", load, load + step, residual)
@@ -255,22 +407,23 @@ def write_table(rows):
     """The table of the page."""
     lines = []
     for number in dict.fromkeys(str(row["wall"]) for row in rows):
-        ends: dict[str, list[tuple[str, str]]] = {
-            "static": [],
-            "moving": [],
-            "path": [],
-        }
+        ends: dict[str, list[tuple[str, str]]] = {}
         for row in rows:
             if str(row["wall"]) == number:
-                ends[row["kind"]].append((row["low"], row["high"]))
-        ranges = sorted(set(ends["moving"]))
+                ends.setdefault(row["kind"], []).append((row["low"], row["high"]))
+        ranges = sorted({*ends.get("moving", []), *ends.get("slips", [])})
+        smallest = min(
+            (low for kind, found in ends.items() for low, _ in found if kind in MOVING),
+            default="none computed",
+        )
         lines.append(
             (
                 number,
                 ends["static"][0][1],
                 ", ".join(a if a == b else f"{a} to {b}" for a, b in ranges)
                 or "none computed",
-                " to ".join(end for pair in ends["path"] for end in pair)
+                smallest,
+                " to ".join(end for pair in ends.get("path", []) for end in pair)
                 or "not computed",
             )
         )
@@ -293,7 +446,9 @@ def main():
         if not args.print:
             others = tables.read_rows(sheet) if sheet.exists() else []
             measured = {(str(row["wall"]), row["kind"]) for row in rows}
-            measured |= {(str(number), "moving")}
+            # What is not found any more goes too, but not what was not asked.
+            asked = MOVING if args.starts else MOVING - {"moving"}
+            measured |= {(str(number), kind) for kind in asked}
             rows += [r for r in others if (r["wall"], r["kind"]) not in measured]
             tables.write_rows(sheet, sorted(rows, key=lambda row: int(row["wall"])))
             tables.rewrite(PAGE, "moving walls", write_table(tables.read_rows(sheet)))

@@ -22,12 +22,16 @@ def stand(width: float, height: float) -> bench.Wall:
 def test_a_stone_that_moves(width: float, height: float, load: float) -> None:
     wall = stand(width, height)
     state, _ = bench.find_moving(wall, np.full(4, 1e-5))
-    states = bench.find_range(wall, *bench.sort_contacts(wall, state))
-    assert len(states) == 2
-    for end in states:
-        # Rounding of a linear programme with 8 unknowns of size 1.
-        assert end.load == pytest.approx(load, rel=1e-13)
-        assert bench.judge(wall, end) < 1e-13
+    for near in (state, *bench.approach(wall, np.ones(4))):
+        statuses = bench.sort_contacts(wall, near)
+        states = bench.find_range(wall, *statuses)
+        assert len(states) == 2
+        for end in states:
+            # Rounding of a linear programme with 8 unknowns of size 1.
+            assert end.load == pytest.approx(load, rel=1e-13)
+            assert bench.judge(wall, end) < 1e-13
+        # No other mechanism has a smaller load.
+        assert bench.descend(wall, states[0], statuses)[0].load == states[0].load
 
 
 def test_the_judge_finds_each_violation() -> None:
@@ -65,3 +69,17 @@ def test_wall_3_moves_below_its_largest_static_load() -> None:
     assert least.load == pytest.approx(0.3558174, abs=1e-7)
     assert most.load == pytest.approx(0.3558174, abs=1e-7)
     assert max(bench.judge(wall, end) for end in (least, most)) <= bench.EXACT
+
+
+@pytest.mark.slow
+def test_a_search_finds_smaller_loads_of_wall_1() -> None:
+    wall = bench.build(1)
+    near = next(bench.approach(wall, np.ones(wall.R.shape[0])))
+    statuses = bench.sort_contacts(wall, near)
+    least, _ = bench.find_range(wall, *statuses)
+    assert least.load == pytest.approx(0.641541, abs=1e-6)
+    state, count = bench.descend(wall, least, statuses)
+    # A load that another program found, by the statuses of other states.
+    assert state.load < 0.639150
+    assert bench.judge(wall, state) <= bench.EXACT
+    assert count < bench.PROGRAMMES
