@@ -508,10 +508,12 @@ class PrimalPath:
         max_iterations: int | None,
         max_seconds: float | None,
         again: bool = False,
+        draft: bool = False,
     ) -> tuple[NewtonStep, _Floats]:
         """One step, as `Path.step`, and the displacements at its end.
 
-        ``again`` makes the last step once more, with other loads, from its solution.
+        ``again`` makes the last step once more, with other loads, from its solution; ``draft``
+        leaves out the estimate of its errors.
         """
 
 @final

@@ -21,6 +21,8 @@ pub struct Start<'a, V, const D: usize> {
     pub y: V,
     /// Whether these unknowns are near the solution, so that they have its statuses.
     pub near: bool,
+    /// As in [`Begin`].
+    pub draft: bool,
 }
 
 /// A load step, converged or not, with the work that it took.
@@ -77,6 +79,7 @@ pub fn advance<const D: usize, E: Engine<D>>(
     let solved = Newton::new(engine, contacts, settings).run(Begin {
         y: start.y,
         near: start.near,
+        draft: start.draft,
         closed,
         force,
         offset: &offset,

@@ -99,6 +99,8 @@ pub struct Begin<'a, V, const D: usize> {
     pub y: V,
     /// Whether `y` has about the statuses of the solution.
     pub near: bool,
+    /// Whether the certificate is enough: the errors of the solution are not estimated.
+    pub draft: bool,
     /// Closed contacts of the step before; `None` for the unloaded bodies.
     pub closed: Option<Vec<bool>>,
     pub force: &'a V,
@@ -184,6 +186,8 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
             let tangent = Tangent::new(&contacts.frames, self.engine.free(), &reduced, &law);
             let verdict = if first {
                 Verdict::Unlawful
+            } else if begin.draft && judged.converged(tol) {
+                Verdict::Solution(None)
             } else {
                 self.verdict(&judged, &tangent, &now, &point)?
             };

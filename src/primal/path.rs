@@ -19,6 +19,8 @@ pub struct PrimalPath<const D: usize> {
     before: Option<State<D>>,
     /// Whether the last step is made once more.
     again: bool,
+    /// Whether the errors of the next steps are not estimated.
+    pub draft: bool,
     /// Displacements after the last step, if they are known; empty else.
     displacement: Vec<f64>,
     hierarchy: Option<Following>,
@@ -83,6 +85,7 @@ impl<const D: usize> PrimalPath<D> {
             state: self.state.as_ref(),
             y,
             near: std::mem::take(&mut self.again),
+            draft: self.draft,
         };
         let contacts = &problem.contacts;
         let loads = (&values, prescribed);

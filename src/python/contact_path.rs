@@ -206,6 +206,7 @@ where
             state: self.state.as_ref(),
             y: objects.start,
             near: false,
+            draft: false,
         };
         let force = (objects.force, prescribed);
         let made = advance(&mut engine, contacts, start, force, settings)?;

@@ -267,8 +267,9 @@ impl PyPrimalPath {
     /// A step to the total loads, with the gaps of the problem unless others are given. The
     /// state changes only if the step converges.
     ///
-    /// `again` makes the last step once more, with other loads, from its solution.
-    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds, again=false))]
+    /// `again` makes the last step once more, with other loads, from its solution; `draft`
+    /// leaves out the estimate of its errors.
+    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds, again=false, draft=false))]
     #[expect(
         clippy::too_many_arguments,
         reason = "the settings of one call from Python"
@@ -284,6 +285,7 @@ impl PyPrimalPath {
         max_iterations: Option<usize>,
         max_seconds: Option<f64>,
         again: bool,
+        draft: bool,
     ) -> PyResult<Solved<'py>> {
         let settings = settings(method, tol, max_iterations, max_seconds)?;
         let loads = (load.as_slice()?, prescribed.as_slice()?);
@@ -291,6 +293,7 @@ impl PyPrimalPath {
             if again {
                 path.path.retract();
             }
+            path.path.draft = draft;
             path.step(py, loads, gap.as_ref(), &settings)
         })
     }

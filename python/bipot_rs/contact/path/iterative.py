@@ -250,11 +250,13 @@ class IterativePath:
         gap: Floats | None,
         settings: Settings,
         again: bool = False,
+        draft: bool = False,
     ) -> tuple[Step, str]:
         """One step of the core, and why it stalled if it did."""
         if gap is not None:
             gap = self._iterative.turned(gap)
-        core, displacement = self._core.step(load, prescribed, gap, *settings, again)
+        asked = load, prescribed, gap, *settings
+        core, displacement = self._core.step(*asked, again, draft)
         record = self._iterative.record
         record.newton += core.newton
         record.krylov += core.krylov
@@ -271,8 +273,8 @@ class IterativePath:
         """A step with springs, from the last state each time."""
         engine, last = self._iterative, self._last
 
-        def step(stretched: Floats, again: bool) -> tuple[Step, str]:
-            return self._solve_in_core(stretched, prescribed, gap, settings, again)
+        def step(stretched: Floats, *how: bool) -> tuple[Step, str]:
+            return self._solve_in_core(stretched, prescribed, gap, settings, *how)
 
         reaction = None if last is None else engine.turned(last.reaction)
         u = None if last is None else last.computed.displacement

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from support.lap_joint import lap_joint
 from support.random_joints import CLASSES, random_joint
 
 pytestmark = pytest.mark.needs_extra
@@ -87,3 +88,22 @@ def test_components_first_and_other_units_do_not_matter() -> None:
             rtol=0,
             atol=1e-8 * np.abs(other.displacement).max(),
         )
+
+
+# Krylov iterations: 621 and 1942, and a third more for other machines.
+@pytest.mark.parametrize(("symmetric", "most"), [(True, 830), (False, 2600)])
+def test_a_lap_joint_takes_few_iterations(symmetric: bool, most: int) -> None:
+    """A plane of symmetry needs no multipliers; with them the work is a few times as much."""
+    model, load, prescribed = lap_joint(2, symmetric=symmetric)
+    result, expected = (
+        model.problem(engine=engine).solve(load, prescribed, tol=1e-12)
+        for engine in ("iterative", "direct")
+    )
+    assert {0, 1, 2} == set(result.status.ravel().tolist())
+    assert sum(step.stats["krylov"] for step in result) <= most
+    for step, other in zip(result, expected, strict=True):
+        for one, two in (
+            (step.reaction, other.reaction),
+            (step.displacement, other.displacement),
+        ):
+            np.testing.assert_allclose(one, two, rtol=0, atol=1e-8 * np.abs(two).max())
