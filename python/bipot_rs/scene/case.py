@@ -16,6 +16,7 @@ from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import FloatingBodyError, with_message
 from bipot_rs.contact.path.load_steps import Totals, find_difference, last_step
 from bipot_rs.contact.path.moving_gaps import MovingGaps
+from bipot_rs.contact.path.progress import show_progress
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
@@ -191,14 +192,16 @@ class Case:
         if plan is None:
             self._check_start(start, first)
             rest = slice(first, None)
-            return asked.solve(
-                *self._part(rest),
-                gap=self._gaps_of(rest),
-                start=start,
-                on_step=on_step,
-                progress=progress,
-                **chosen,
-            )
+            left = len(self.parameter[rest])
+            # Not by the problem: that of several processes prints its steps itself.
+            with show_progress(progress, left, on_step) as report:
+                return asked.solve(
+                    *self._part(rest),
+                    gap=self._gaps_of(rest),
+                    start=start,
+                    on_step=report,
+                    **chosen,
+                )
         steps = self.scene.path.count()
         totals: dict[float, Totals] = {}
 
@@ -213,20 +216,20 @@ class Case:
             gap_of_step = at(t)[2]
             return self.model.gap if gap_of_step is None else gap_of_step
 
-        return asked.follow(
-            lambda t: at(t)[0],
-            lambda t: at(t)[1],
-            stops=np.arange(1.0, steps + 1),
-            first=plan.largest if plan.first is None else plan.first,
-            largest=plan.largest,
-            smallest=plan.smallest,
-            slip=plan.slip,
-            gap=None if self.gaps is None else gap,
-            start=start,
-            on_step=on_step,
-            progress=progress,
-            **chosen,
-        )
+        with show_progress(progress, steps, on_step) as report:
+            return asked.follow(
+                lambda t: at(t)[0],
+                lambda t: at(t)[1],
+                stops=np.arange(1.0, steps + 1),
+                first=plan.largest if plan.first is None else plan.first,
+                largest=plan.largest,
+                smallest=plan.smallest,
+                slip=plan.slip,
+                gap=None if self.gaps is None else gap,
+                start=start,
+                on_step=report,
+                **chosen,
+            )
 
     def wear(
         self,
