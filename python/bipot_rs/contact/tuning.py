@@ -34,8 +34,8 @@ FACTOR_BYTES, FACTOR_GROWTH = 29e9, 1.34
 # Spring, relative to the largest entry of K. A hundredth of it: statuses of slipping contacts do
 # not settle; ten times as much: twice the iterations.
 LOOSE_SPRING = 1e-2
-# Iterations; six are usual. It ends paths that do not settle, and changes nothing else.
-SPRING_ITERATIONS = 60
+# Iterations; six to sixteen are usual. It ends paths that do not settle, and changes nothing else.
+SPRING_ITERATIONS = 40
 # Spring of a copied displacement, relative to the diagonal of K there. A third and three times
 # as much: 9 % and 67 % more Krylov iterations on half of a lap joint.
 COPY_SPRING = 30.0
@@ -44,8 +44,6 @@ COPY_SOLUTIONS = 3
 # Least singular value of secants that is no rounding, relative to the largest. A hundred times and
 # a hundredth: 3 % and 1 % more Krylov iterations.
 LEAST_SECANT = 1e-6
-# Multipliers within which the change has to halve. Half and twice change nothing here.
-COPY_PATIENCE = 8
 # Largest condition of the rows of a contact by which a displacement is copied.
 MOST_OBLIQUE = 1e6
 

@@ -220,7 +220,6 @@ class Springs:
         force = np.zeros(self.rows.shape[1])
         force[self.place] = load
         multiplier = np.zeros(len(self.stiffness))
-        least, best = np.inf, 0
         known: list[tuple[Floats, Floats]] = []
         status, draft = None, copies > 0
         if displacement is not None:
@@ -230,8 +229,7 @@ class Springs:
             pressed = np.einsum("ckl,ck->cl", self.blocks, reaction[self.contacts])
             multiplier[copied] = -pressed.ravel()
         for count in range(tuning.SPRING_ITERATIONS):
-            stretched = force + self.rows.T @ multiplier
-            solved, reason = step(stretched, count > 0, draft)
+            solved, reason = step(force + self.rows.T @ multiplier, count > 0, draft)
             if not solved.converged:
                 return solved, reason
             after = self.stiffness * (self.rows @ solved.displacement)
@@ -255,10 +253,6 @@ class Springs:
                 # Without secants a change tells what is left only if it is small.
                 limit = max(tol, solved.tolerance)
                 settled &= left <= (limit if len(known) > 1 else 0.1 * limit)
-                if left < 0.5 * least:
-                    least, best = left, count
-                if count - best > tuning.COPY_PATIENCE and not settled:
-                    break
             if settled and not draft:
                 return self._complete(solved, change[copied], left), reason
             draft &= not settled
