@@ -203,7 +203,8 @@ def test_files_of_a_run(tmp_path: Path) -> None:
     parts = {f"result_{k:04d}_{r:04d}.vtu" for k in range(2) for r in range(2)}
     pvtu = {f"result_{k:04d}.pvtu" for k in range(2)}
     contacts = {f"contact_{k:04d}.vtu" for k in range(2)}
-    tables = {RESULT, "steps.csv", "result.pvd", "contact.pvd", "tractions.png"}
+    tables = {RESULT, "result.vtkhdf", "steps.csv", "result.pvd", "contact.pvd"}
+    tables.add("tractions.png")
     assert names == parts | pvtu | contacts | tables
     # The table, the progress and the names of the files appear once.
     assert done.output.count("solved: 2 load steps") == 1
