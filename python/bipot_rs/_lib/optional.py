@@ -26,13 +26,14 @@ def missing(
     ``error``: as raised by Python. It is returned unchanged if it is about another module, for
     example one that the library itself imports: installing the extra would not help.
     ``what``: what needs the library, in the plural: ``"finite elements"``.
-    ``library, extra``: name of the module, and the extra of this package that installs it.
+    ``library, extra``: name of the module, and the extra of this package with it, if any.
     """
     if error.name is None or error.name.partition(".")[0] != library:
         return error
+    wanted = f"'bipot-rs[{extra}]'" if extra else library
     return MissingLibraryError(
         f"{what} need {_DISTRIBUTIONS.get(library, library)}, which is not installed: "
-        f"run pip install 'bipot-rs[{extra}]'",
+        f"run pip install {wanted}",
         name=error.name,
     )
 

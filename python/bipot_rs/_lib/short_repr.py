@@ -50,6 +50,8 @@ def _short(value: object) -> str:
         kind = type(value[0]).__name__
         return text if _fits(text) else f"{len(value)} × {kind}"
     text = repr(value)
+    if isinstance(value, str) and not _fits(text):
+        return f"{text[: _WIDE - 2]}…{text[-1]}"
     return text if _fits(text) else f"{type(value).__name__}(…)"
 
 

@@ -449,11 +449,10 @@ def places(coordinates: ArrayLike | None, n: int) -> Floats | None:
     as_given = floats("coordinates", coordinates, ndim=2)
     if as_given.shape[0] != n or as_given.shape[1] not in (2, 3):
         raise ValueError(
-            f"coordinates has shape {as_given.shape}, expected ({n}, 2) or ({n}, 3)"
+            f"coordinates has shape {as_given.shape}, expected ({n}, 2) or ({n}, 3): "
+            "a row for each degree of freedom, as numpy.repeat(nodes, d, axis=0)"
         )
-    in_space = np.zeros((n, 3))
-    in_space[:, : as_given.shape[1]] = as_given
-    return in_space
+    return np.pad(as_given, ((0, 0), (0, 3 - as_given.shape[1])))
 
 
 def rows_of_steps(

@@ -170,7 +170,7 @@ class ReducedProblem:
         else:
             W += f"dense, {size(8.0 * rows**2)}"
         held = count_noun(self._motions, "motion") if self._motions else "none"
-        return f"ReducedProblem: {summary.describe_places(*self.q.shape)}", [
+        return f"{type(self).__name__}: {summary.describe_places(*self.q.shape)}", [
             ("W", W),
             ("q", summary.describe_gaps(self.q[:, 0])),
             ("friction", summary.describe_friction(self.mu)),

@@ -159,10 +159,10 @@ def put(table: dict[str, object], key: str, value: object) -> str | None:
                     named = [
                         e["name"] for e in at if isinstance(e, dict) and "name" in e
                     ]
-                    by_name = f" or {place}.NAME{instead(part, named)}" if named else ""
+                    names = f"; none is {part!r}{instead(part, named)}" if named else ""
                     return (
                         f"{place} is a list of {count_noun(len(at), 'entry')}, expected "
-                        f"{place}.0{last_entry}{by_name}"
+                        f"{place}.0{last_entry}{names}"
                     )
                 places += [(at, index) for index in chosen]
             elif isinstance(at, dict):

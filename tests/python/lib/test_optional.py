@@ -82,6 +82,11 @@ def test_arrays_need_no_optional_library(tmp_path: Path) -> None:
             "import bipot_rs; bipot_rs.scene.read",
             "bipot_rs.scene.read and what uses it need pydantic",
         ),
+        (
+            "xarray",
+            "import bipot_rs as b; b.solve(*[[[1, 0], [0, 1]]] * 2, gap=[0], mu=0).to_xarray()",
+            "datasets need xarray",
+        ),
     ],
 )
 def test_message_names_the_extra_to_install(
@@ -90,9 +95,10 @@ def test_message_names_the_extra_to_install(
     done = run(code, (library,), tmp_path)
     last = done.stderr.strip().splitlines()[-1]
     extra = {"h5py": "io", "skfem": "fem"}.get(library, "cli")
+    wanted = "xarray" if library == "xarray" else f"'bipot-rs[{extra}]'"
     assert last == (
         f"bipot_rs._lib.optional.MissingLibraryError: {told}, which is not installed: run "
-        f"pip install 'bipot-rs[{extra}]'"
+        f"pip install {wanted}"
     )
 
 

@@ -53,3 +53,16 @@ def test_shapes_and_counts() -> None:
     # A short array is given with its numbers.
     np.testing.assert_array_equal(case.parameter, [0, 1])
     assert "parameter=array([0., 1.])" in repr(case)
+
+
+def test_a_long_text_keeps_its_beginning() -> None:
+    blocks = [
+        bp.blocks.Block("low", [[0, 0], [1, 0], [1, 1], [0, 1]], support=True),
+        bp.blocks.Block("high", [[0.8, 1], [2, 1], [2, 2], [0.8, 2]]),
+    ]
+    problem = bp.blocks.assemble(blocks, mu=0.5)
+    found = problem.equilibrium()
+    assert found.verdict == "none"
+    assert len(found.reason) > 78
+    assert found.reason[:70] in repr(found)
+    assert str(problem).startswith("BlockProblem: 2 contacts in the plane")

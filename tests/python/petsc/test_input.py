@@ -18,7 +18,7 @@ EXPECTED = {
     "area": "ValueError: area of contact 0 is 0.0",
     "gather": "ValueError: gather is -1, expected",
     "gather differs": "ValueError: gather differs between ranks",
-    "coordinates": r"ValueError: coordinates has shape \(.*\), expected",
+    "coordinates": r"ValueError: coordinates has shape \(.*\), expected .* each degree",
     "coordinates, last": "ValueError: coordinates is inf at",
     "coordinates of a node": "ValueError: coordinates differ within 3",
     "coordinates, some": "ValueError: coordinates are given on some ranks only",

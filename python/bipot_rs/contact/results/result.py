@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, SupportsIndex, overload
 
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.copies import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.messages import count_noun
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Integers, Ints, MatrixLike
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames
@@ -635,7 +635,7 @@ class Result(Sequence[Step]):
             for name in ("load", "time")
         }
         local = ["n", "t1", "t2"][: self.shape[1]]
-        return import_module("xarray").Dataset(
+        return load_library("xarray", extra="", need="datasets").Dataset(
             {name: pair for name, pair in arrays.items() if pair[1] is not None},
             {**known, "component": local, "tangent": local[1:]},
         )

@@ -229,3 +229,7 @@ def test_a_diverged_body_is_not_a_solution() -> None:
         bp.ContactProblem(body.K, B, **options).solve(*pull)
     with pytest.raises(bp.BipotError, match="slide"):
         bp.ContactProblem(body.K, B, coordinates=places, **options).solve(*pull)
+    with pytest.raises(
+        ValueError, match=r"expected .* a row for each degree of freedom"
+    ):
+        bp.ContactProblem(body.K, B, coordinates=body.basis.mesh.p.T, **options)
