@@ -146,7 +146,7 @@ def describe_forces(reaction: Floats, frame: Floats | None = None) -> str:
     summed as if the tangents of all contacts were the same.
 
     >>> describe_forces(np.array([[3.0, 1.0], [1.0, 1.0]]))
-    'normal 4 in total, friction 2 (50 %)'
+    'normal 4 in total, friction 2 (50 % of normal)'
     """
     press = float(reaction[:, 0].sum())
     if frame is None:
@@ -154,7 +154,7 @@ def describe_forces(reaction: Floats, frame: Floats | None = None) -> str:
     else:
         drag = np.einsum("ck,ckd->d", reaction[:, 1:], frame[:, 1:])
     size = float(np.linalg.norm(drag))
-    share = f" ({100 * size / press:.3g} %)" if press > 0 else ""
+    share = f" ({100 * size / press:.3g} % of normal)" if press > 0 else ""
     return f"normal {press:.5g} in total, friction {size:.5g}{share}"
 
 

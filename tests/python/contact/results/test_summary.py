@@ -41,7 +41,7 @@ def test_a_result_in_six_lines() -> None:
         == "2 contacts in the plane, at the end 1 open, 1 slip, 0 stick"
     )
     # Pressed by 2, so friction is 0.5 * 2.
-    assert "normal 2 in total, friction 1 (50 %)" in row_of["forces"]
+    assert "normal 2 in total, friction 1 (50 % of normal)" in row_of["forces"]
     # The rest of the load stretches the unit spring by 1.5 - 1; friction times this is 0.5.
     assert row_of["path"] == "friction dissipated 0.5 in total"
     assert row_of["residual"].endswith("limit 1e-10")
