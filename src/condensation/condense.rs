@@ -302,7 +302,6 @@ impl<const D: usize> Condensed<D> {
     /// [`Problem::with_gap`] checks this.
     ///
     /// [`Problem::with_gap`]: crate::condensation::problem::Problem::with_gap
-    #[must_use]
     pub(crate) fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
         Self {
             surface: Arc::new(Surface {
@@ -339,45 +338,37 @@ impl<const D: usize> Condensed<D> {
         })
     }
 
-    #[must_use]
     pub fn stats(&self) -> &Stats {
         &self.stats
     }
 
-    #[must_use]
     pub fn bodies(&self) -> &Arc<Bodies> {
         &self.bodies
     }
 
-    #[must_use]
     pub fn surface(&self) -> &Surface<D> {
         &self.surface
     }
 
-    #[must_use]
     pub fn contacts(&self) -> usize {
         self.surface.contacts()
     }
 
-    #[must_use]
     pub fn law(&self) -> &[ContactLaw] {
         &self.law
     }
 
     /// `W`, for what outlives this problem.
-    #[must_use]
     pub fn shared_compliance(&self) -> &Arc<Compliance<'static, D>> {
         &self.compliance
     }
 
     /// `W`.
-    #[must_use]
     pub fn compliance(&self) -> &Compliance<'static, D> {
         &self.compliance
     }
 
     /// Columns of `B_c R` over all contacts.
-    #[must_use]
     pub fn modes(&self) -> Vec<Vec<[f64; D]>> {
         let of_motion = |&(b, k): &(usize, usize)| {
             let mut mode = vec![[0.0; D]; self.contacts()];
@@ -480,7 +471,6 @@ impl<const D: usize> Condensed<D> {
 }
 
 /// Local degrees of freedom in the rows, in the order of occurrence.
-#[must_use]
 pub fn contact_set(share: &Share, order: usize) -> Vec<usize> {
     let mut met = vec![false; order];
     let mut kept = Vec::new();

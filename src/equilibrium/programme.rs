@@ -34,7 +34,6 @@ pub struct Limits<'a> {
 
 impl<'a> Limits<'a> {
     /// From now on, for all programmes together.
-    #[must_use]
     pub fn new(stop: &'a AtomicBool, seconds: f64) -> Self {
         let started = Instant::now();
         Self {
@@ -45,7 +44,6 @@ impl<'a> Limits<'a> {
     }
 
     /// Zero once they are over.
-    #[must_use]
     pub fn seconds_left(&self) -> f64 {
         (self.seconds - self.started.elapsed().as_secs_f64()).max(0.0)
     }
@@ -73,7 +71,6 @@ pub struct End {
 }
 
 impl Programme {
-    #[must_use]
     pub fn new(columns: usize) -> Self {
         Self {
             cost: vec![0.0; columns],

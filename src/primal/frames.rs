@@ -85,13 +85,11 @@ impl<const D: usize> Frames<D> {
     }
 
     /// Whether a contact joins nodes.
-    #[must_use]
     pub fn join(&self) -> bool {
         !self.masters.is_empty()
     }
 
     /// Nodes and columns `B_m` of the masters of a contact.
-    #[must_use]
     pub fn masters(&self, contact: usize) -> &[(usize, Block<D>)] {
         &self.masters[self.start[contact]..self.start[contact + 1]]
     }
@@ -208,7 +206,6 @@ impl<const D: usize> Frames<D> {
     }
 
     /// The part of `v` that does not depend on the unknowns: `B_f u_f + g`.
-    #[must_use]
     pub fn offsets(&self, gap: &[[f64; D]], prescribed: &[f64]) -> Vec<[f64; D]> {
         let mut offsets = gap.to_vec();
         self.prescribed
@@ -217,7 +214,6 @@ impl<const D: usize> Frames<D> {
     }
 
     /// The values at the contacts; zero for a component without an unknown.
-    #[must_use]
     pub fn at_contacts(&self, y: &[f64]) -> Vec<[f64; D]> {
         let mut values = vec![[0.0; D]; self.list.len()];
         for (i, k, at) in self.unknowns() {

@@ -40,7 +40,6 @@ pub struct Made<V, const D: usize> {
 
 impl<V, const D: usize> Made<V, D> {
     /// The state after the step, if it converged.
-    #[must_use]
     pub fn state(&self) -> Option<State<D>> {
         let solution = &self.step.solution;
         (solution.outcome == Outcome::Converged).then(|| State {

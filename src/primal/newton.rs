@@ -46,7 +46,6 @@ pub enum Reason {
 
 impl Reason {
     /// As part of a sentence.
-    #[must_use]
     pub fn text(self) -> &'static str {
         match self {
             Self::Multigrid => "multigrid does not converge for this stiffness",
@@ -123,7 +122,6 @@ pub struct Newton<'p, E, const D: usize> {
 }
 
 impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
-    #[must_use]
     pub fn new(engine: &'p mut E, contacts: &'p Contacts<D>, settings: &'p Settings) -> Self {
         Self {
             engine,

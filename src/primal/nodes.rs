@@ -84,7 +84,6 @@ impl Nodes {
     }
 
     /// Values by degree of freedom in the order of blocks.
-    #[must_use]
     pub fn gather(&self, values: &[f64]) -> Vec<f64> {
         let mut blocks = vec![0.0; values.len()];
         for (&at, &value) in self.place.iter().zip(values) {
@@ -94,7 +93,6 @@ impl Nodes {
     }
 
     /// The inverse of [`Nodes::gather`].
-    #[must_use]
     pub fn scatter(&self, blocks: &[f64]) -> Vec<f64> {
         self.place.iter().map(|&at| blocks[at as usize]).collect()
     }

@@ -43,7 +43,6 @@ pub struct PrimalStep<const D: usize> {
 impl<const D: usize> PrimalPath<D> {
     /// Starts from a state, or from the unloaded bodies. `displacement` are those of the
     /// state, as a start value.
-    #[must_use]
     pub fn new(state: Option<State<D>>, displacement: Vec<f64>) -> Self {
         Self {
             state,

@@ -218,14 +218,12 @@ impl<const D: usize> Primal<D> {
     }
 
     /// Degrees of freedom, with the prescribed ones.
-    #[must_use]
     pub fn order(&self) -> usize {
         self.stiffness.nodes.place.len()
     }
 
     /// Bytes of `K` in blocks, and a forecast of the bytes beside it: the hierarchy, and the
     /// vectors of GMRES.
-    #[must_use]
     pub fn bytes(&self) -> (usize, usize) {
         let own = self.stiffness.matrix.bytes();
         #[expect(
@@ -317,7 +315,6 @@ impl<const D: usize> Primal<D> {
 
     /// `Tᵀ K T y − f` with sums in twice the precision: a motion that springs hold softly would
     /// be lost in the rounding of the others.
-    #[must_use]
     pub fn imbalance(&self, y: &[f64], force: &Force) -> Vec<f64> {
         let mut u = y.to_vec();
         self.contacts.frames.to_displacements(&mut u);
@@ -348,7 +345,6 @@ impl<const D: usize> Primal<D> {
 
     /// `Tᵀ K T y` for a `y` that is zero but at the nodes of contacts, by the rows of `K` at the
     /// nodes that these move.
-    #[must_use]
     pub fn product_of_contacts(&self, y: &[f64]) -> Vec<f64> {
         let mut u = y.to_vec();
         self.contacts.frames.to_displacements(&mut u);
@@ -372,7 +368,6 @@ impl<const D: usize> Primal<D> {
     }
 
     /// `|Tᵀ| |K| |T y|`: the size of the terms of [`Primal::product`].
-    #[must_use]
     pub fn terms(&self, y: &[f64]) -> Vec<f64> {
         let mut u = y.to_vec();
         self.contacts.frames.terms_of_displacements(&mut u);
@@ -489,7 +484,6 @@ impl<const D: usize> Primal<D> {
 
     /// `K` by rows, with the zeros of its blocks and without the entries between prescribed
     /// degrees of freedom.
-    #[must_use]
     pub fn stiffness_by_rows(&self) -> OwnedMatrix {
         let known = &self.stiffness;
         let n = self.order();
@@ -523,7 +517,6 @@ impl<const D: usize> Primal<D> {
     }
 
     /// All displacements from the unknowns.
-    #[must_use]
     pub fn displacement(&self, y: &[f64], prescribed: &[f64]) -> Vec<f64> {
         let mut u = y.to_vec();
         self.contacts.frames.to_displacements(&mut u);
@@ -535,7 +528,6 @@ impl<const D: usize> Primal<D> {
     }
 
     /// The unknowns of a displacement.
-    #[must_use]
     pub fn unknowns(&self, u: &[f64]) -> Vec<f64> {
         let mut y = self.stiffness.nodes.gather(u);
         self.clear_prescribed(&mut y);

@@ -103,7 +103,6 @@ struct Search<'a, 'b, const D: usize> {
 }
 
 /// The rigid motion `a` for which η of a reaction is least.
-#[must_use]
 pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
     let scaling = &problem.scaling;
     if scaling.modes.is_empty() {

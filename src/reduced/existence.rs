@@ -25,13 +25,11 @@ pub const LARGEST_REACTION: f64 = WORST_FLOOR / (4.0 * f64::EPSILON);
 
 /// Whether work on a witness with an error `lack` excludes all reactions up to
 /// [`LARGEST_REACTION`] times the `size` of the loads.
-#[must_use]
 pub fn excludes(work: f64, lack: f64, size: f64) -> bool {
     work > 0.0 && work >= LARGEST_REACTION * lack * size
 }
 
 /// Whether the loads work on a rigid motion `a` by more than their rounding.
-#[must_use]
 pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
     let rounding = problem.load_rounding.iter().zip(a);
     let least: f64 = rounding.map(|(e, a)| e * a.abs()).sum();
@@ -40,7 +38,6 @@ pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
 
 /// Whether amounts of normal displacements prove that contacts contradict each other, as
 /// walls that overlap do.
-#[must_use]
 pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -> bool {
     let scaling = &problem.scaling;
     let normal = normal_only::<D>(amounts);
@@ -67,7 +64,6 @@ pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -
 
 /// Whether normal reactions `p ≥ 0` balance the loads. `None` if they do, but are larger
 /// than the reactions of any solution.
-#[must_use]
 pub fn balances<const D: usize>(problem: &Reduced<D>, pressure: &[f64]) -> Option<bool> {
     let scaling = &problem.scaling;
     let sums = sums(problem, &normal_only::<D>(pressure));

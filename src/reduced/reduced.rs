@@ -98,7 +98,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
     }
 
     /// The same problem with another `e`.
-    #[must_use]
     pub fn with_load(&self, load: Vec<f64>) -> Self {
         let mut other = self.clone();
         other.scaling.load = other.scaling.scale_load(&load);
@@ -107,7 +106,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
     }
 
     /// The law of a contact in scaled variables.
-    #[must_use]
     pub fn scaled_law(&self, contact: usize) -> ContactLaw {
         self.law[contact].scaled(self.scaling.to_r[contact])
     }
@@ -124,7 +122,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
         Ok(other)
     }
 
-    #[must_use]
     pub fn contacts(&self) -> usize {
         self.q.len()
     }
@@ -169,7 +166,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
     }
 
     /// Computes `v = W r + R a + q`.
-    #[must_use]
     pub fn relative_displacement(&self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
         let mut v = vec![[0.0; D]; r.len()];
         self.compliance.product(r, &mut v);
@@ -178,7 +174,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
     }
 
     /// [`Self::relative_displacement`] with sums in twice the precision.
-    #[must_use]
     pub fn exact_displacement(&self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
         let mut v = vec![[0.0; D]; r.len()];
         for (i, value) in v.iter_mut().enumerate() {
@@ -330,7 +325,6 @@ impl<const D: usize> Scaling<D> {
     }
 
     /// `ê = T⁻ᵀ e`, scaled as a force.
-    #[must_use]
     pub fn scale_load(&self, e: &[f64]) -> Vec<f64> {
         let triangle = match &self.basis {
             Basis::Triangle(triangle) => triangle,
@@ -352,7 +346,6 @@ impl<const D: usize> Scaling<D> {
     }
 
     /// `a` in the units of the caller from the scaled `â = T a`.
-    #[must_use]
     pub fn rigid_from_scaled(&self, scaled: &[f64]) -> Vec<f64> {
         let mut a: Vec<f64> = scaled.iter().map(|x| x * self.rigid_unit).collect();
         let triangle = match &self.basis {
@@ -375,7 +368,6 @@ impl<const D: usize> Scaling<D> {
     }
 
     /// `â = T a`.
-    #[must_use]
     pub fn rigid_to_scaled(&self, a: &[f64]) -> Vec<f64> {
         let triangle = match &self.basis {
             Basis::Triangle(triangle) => triangle,
@@ -396,13 +388,11 @@ impl<const D: usize> Scaling<D> {
     }
 
     /// Whether `R̂` is sparse, and its columns not orthonormal.
-    #[must_use]
     pub fn is_sparse(&self) -> bool {
         matches!(self.basis, Basis::Lengths(..))
     }
 
     /// The length of forces on the rigid motions, that with orthonormal columns.
-    #[must_use]
     pub fn force_norm(&self, forces: &[f64]) -> f64 {
         match &self.basis {
             Basis::Triangle(_) => norm(forces),
@@ -415,7 +405,6 @@ impl<const D: usize> Scaling<D> {
     }
 
     /// The `â` for which `R̂ â` is nearest to `v̂`.
-    #[must_use]
     pub fn fit(&self, v: &[[f64; D]]) -> Vec<f64> {
         let mut fitted = self.modes.work(v, &vec![1.0; v.len()]);
         if let Basis::Lengths(_, gram) = &self.basis {
@@ -426,7 +415,6 @@ impl<const D: usize> Scaling<D> {
     }
 
     /// The length of `R̂ â`.
-    #[must_use]
     pub fn motion_norm(&self, scaled: &[f64]) -> f64 {
         if !self.is_sparse() {
             return norm(scaled);
@@ -437,7 +425,6 @@ impl<const D: usize> Scaling<D> {
     }
 
     /// `‖r̂‖` of a reaction.
-    #[must_use]
     pub fn reaction_norm(&self, r: &[[f64; D]]) -> f64 {
         let (mut squares, mut largest) = (0.0, 0.0_f64);
         for (x, s) in r.iter().zip(&self.to_r) {

@@ -57,13 +57,11 @@ pub struct Certificate<const D: usize> {
 
 impl<const D: usize> Certificate<D> {
     /// Evaluates `v` and computes the certificate.
-    #[must_use]
     pub fn new(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> Self {
         Self::of(problem, r, problem.relative_displacement(r, a), a)
     }
 
     /// Computes the certificate of a point whose `v` was not evaluated with `W`.
-    #[must_use]
     pub fn of(problem: &Reduced<D>, r: &[[f64; D]], v: Vec<[f64; D]>, a: &[f64]) -> Self {
         let mut status = vec![Status::Open; r.len()];
         let law = law_norm(problem, r, &v, |i, s| status[i] = s);
@@ -98,7 +96,6 @@ impl<const D: usize> Certificate<D> {
     }
 
     /// Contacts that are open by more than a converged point may penetrate.
-    #[must_use]
     pub fn opened(&self, problem: &Reduced<D>, tol: f64) -> Vec<bool> {
         let least = DEEPEST * self.tolerance(tol) * self.whole;
         let opened = |(i, v): (usize, &[f64; D])| {
@@ -109,13 +106,11 @@ impl<const D: usize> Certificate<D> {
     }
 
     /// The tolerance of η if the caller asks for `tol`.
-    #[must_use]
     pub fn tolerance(&self, tol: f64) -> f64 {
         if self.sound { tol.max(self.floor) } else { tol }
     }
 
     /// Whether this point is a solution.
-    #[must_use]
     pub fn converged(&self, tol: f64) -> bool {
         let tolerance = self.tolerance(tol);
         self.sound
@@ -130,7 +125,6 @@ impl<const D: usize> Certificate<D> {
 }
 
 /// η of a point with a known `v`.
-#[must_use]
 pub fn residual<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
@@ -143,7 +137,6 @@ pub fn residual<const D: usize>(
 
 /// `‖(F, R̂ᵀ r̂ + ê)‖`, which a line search reduces. The ratio η would favour a rigid motion
 /// that grows without bound, because `‖F(0)‖` grows with it.
-#[must_use]
 pub fn merit<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
     let imbalance = problem.scaling.force_norm(&scaled_imbalance(problem, r));
     law_norm(problem, r, v, |_, _| ()).hypot(imbalance)
@@ -211,7 +204,6 @@ fn force_size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> f64 {
 }
 
 /// `R̂ᵀ r̂ + ê`.
-#[must_use]
 pub fn scaled_imbalance<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
     let scaling = &problem.scaling;
     let work = scaling.modes.work(r, &scaling.to_r);

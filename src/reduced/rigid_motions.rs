@@ -80,29 +80,24 @@ impl<const D: usize> RigidMotions<D> {
     }
 
     /// Number of motions.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.count
     }
 
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
     /// Number of contacts; zero without motions.
-    #[must_use]
     pub fn contacts(&self) -> usize {
         self.start.len().saturating_sub(1)
     }
 
     /// Stored pairs of a contact and a motion.
-    #[must_use]
     pub fn entries(&self) -> usize {
         self.motion.len()
     }
 
-    #[must_use]
     pub fn values(&self) -> &[[f64; D]] {
         &self.values
     }
@@ -119,7 +114,6 @@ impl<const D: usize> RigidMotions<D> {
     }
 
     /// The contacts in another order.
-    #[must_use]
     pub fn gather(&self, order: &[usize]) -> Self {
         if self.count == 0 {
             return Self::default();
@@ -129,7 +123,6 @@ impl<const D: usize> RigidMotions<D> {
     }
 
     /// Each value replaced by `of(contact, motion, value)`.
-    #[must_use]
     pub fn map(&self, of: impl Fn(usize, usize, &[f64; D]) -> [f64; D]) -> Self {
         let mut other = self.clone();
         for contact in 0..self.contacts() {
@@ -141,7 +134,6 @@ impl<const D: usize> RigidMotions<D> {
     }
 
     /// The columns, each with all contacts: only for few motions.
-    #[must_use]
     pub fn columns(&self) -> Vec<Vec<[f64; D]>> {
         let of_motion = |motion| {
             let at = |contact| self.at(contact).find(|(c, _)| *c == motion);
@@ -164,7 +156,6 @@ impl<const D: usize> RigidMotions<D> {
     }
 
     /// `Rᵀ S r` with a scale for each contact.
-    #[must_use]
     pub fn work(&self, r: &[[f64; D]], scale: &[f64]) -> Vec<f64> {
         let mut work = vec![0.0; self.count];
         for (contact, (r, s)) in r.iter().zip(scale).enumerate() {
@@ -176,7 +167,6 @@ impl<const D: usize> RigidMotions<D> {
     }
 
     /// Length of each column.
-    #[must_use]
     pub fn lengths(&self) -> Vec<f64> {
         let mut lengths = vec![0.0_f64; self.count];
         for (&c, value) in self.motion.iter().zip(&self.values) {

@@ -14,7 +14,6 @@ use crate::reduced::tuning;
 /// force stops it, and twice the motion leaves no larger merit: then contacts open or slide along
 /// it, and it grows. Without any deformation there is nothing to compare it with. It is not a
 /// proof that friction does not stop it.
-#[must_use]
 pub fn runaway<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
@@ -53,7 +52,6 @@ pub fn runaway<const D: usize>(
 }
 
 /// The rigid motion along `a` whose largest motion of a contact is 1.
-#[must_use]
 pub fn of_largest_one<const D: usize>(problem: &Reduced<D>, mut a: Vec<f64>) -> Vec<f64> {
     let mut moved = vec![[0.0; D]; problem.contacts()];
     problem.add_rigid(&a, &mut moved);

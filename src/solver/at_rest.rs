@@ -71,7 +71,6 @@ pub(super) fn ask<const D: usize>(
 }
 
 /// The rigid motion with which nothing moves, if only rigid motions displace the contacts.
-#[must_use]
 pub(super) fn find_rest<const D: usize>(problem: &Reduced<D>) -> Option<Vec<f64>> {
     let modes = &problem.rigid.modes;
     let rigid = !modes.is_empty()

@@ -57,7 +57,6 @@ const TOLERANCE: f64 = 1e-12;
 const LOOK: usize = 4096;
 
 /// Number of choices of statuses for contacts with these coefficients.
-#[must_use]
 pub fn statuses(laws: &[ContactLaw]) -> u64 {
     let of = |law: &ContactLaw| {
         if law.mu > 0.0 {
@@ -84,7 +83,6 @@ pub struct Enumeration {
 }
 
 /// Whether all contacts have Coulomb's law: only its statuses are tried.
-#[must_use]
 pub fn is_coulomb<const D: usize>(problem: &Reduced<D>) -> bool {
     problem.law.iter().all(ContactLaw::is_coulomb)
 }
@@ -123,7 +121,6 @@ impl<const D: usize> Few<D> {
     /// Whether this proves that the problem has no solution. With a definite `W` a solution
     /// exists for any μ, and an empty list is due to rounding. Only bodies that only contact
     /// holds may have no solution.
-    #[must_use]
     pub fn proves_none(&self, problem: &Reduced<D>) -> bool {
         self.complete && self.answers.is_empty() && !problem.rigid.modes.is_empty()
     }

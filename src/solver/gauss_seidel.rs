@@ -85,7 +85,6 @@ impl<const D: usize> GaussSeidelPoint<D> {
 }
 
 impl<'p, const D: usize> Sweeper<'p, D> {
-    #[must_use]
     pub fn new(problem: &'p Reduced<'p, D>, start: &Start<D>) -> Self {
         let scaling = &problem.scaling;
         let blocks = (0..problem.contacts()).map(|i| {
@@ -131,7 +130,6 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     /// `a` of a point.
-    #[must_use]
     pub fn rigid_motion(&self, point: &GaussSeidelPoint<D>) -> Vec<f64> {
         self.problem.scaling.rigid_from_scaled(&point.motion())
     }
@@ -158,7 +156,6 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     /// The law, linearised at a point.
-    #[must_use]
     pub fn law(&self, point: &GaussSeidelPoint<D>) -> Linearisation<D> {
         Linearisation::new(self.problem, &point.r, &self.total(point))
     }
@@ -179,7 +176,6 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     /// η of a point.
-    #[must_use]
     pub fn residual(&self, point: &GaussSeidelPoint<D>) -> f64 {
         let a = self.rigid_motion(point);
         crate::reduced::residual::residual(self.problem, &point.r, &self.total(point), &a)
@@ -231,7 +227,6 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     /// Changes a point to given reactions and rigid motions.
-    #[must_use]
     pub fn point(&self, r: Vec<[f64; D]>, rigid: &[f64]) -> GaussSeidelPoint<D> {
         let mut point = GaussSeidelPoint {
             v: Vec::new(),

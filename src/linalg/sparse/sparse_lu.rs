@@ -45,7 +45,6 @@ impl Analysis {
     }
 
     /// The cost of a symmetric factorisation; an LU costs twice as much.
-    #[must_use]
     pub fn counts(&self) -> &Counts {
         self.symbolic.counts()
     }
@@ -148,13 +147,11 @@ impl<'s> SparseLu<'s> {
         }))
     }
 
-    #[must_use]
     pub fn order(&self) -> usize {
         self.analysis.order
     }
 
     /// The sign of the determinant, 1 or −1.
-    #[must_use]
     pub fn sign(&self) -> f64 {
         if self.negative { -1.0 } else { 1.0 }
     }

@@ -97,7 +97,6 @@ impl Conditioned {
 
     /// Estimate of the reciprocal condition of the scaled matrix in the largest norm of rows,
     /// by the power method of Hager (1984).
-    #[must_use]
     pub(super) fn reciprocal_condition(&self) -> f64 {
         /// The estimate is rarely more than three times too small then.
         const STEPS: usize = 2;

@@ -26,13 +26,11 @@ use crate::tasks;
 /// fronts only; a few products correct the error.
 const LEFT: f64 = 1e-10;
 /// Whether the rows of a contact say `r = 0`.
-#[must_use]
 pub fn is_free<const D: usize>(problem: &Reduced<D>, node: usize, status: Status) -> bool {
     status == Status::Open && problem.law[node].cohesion == 0.0
 }
 
 /// Cost of a step with `n` unknowns, in products with `W`.
-#[must_use]
 pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
     match problem.whole() {
         Ok(Some(whole)) => return sparse_cost(whole),
@@ -50,7 +48,6 @@ pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
 }
 
 /// Cost of the factors of a whole sparse `W`, in products with it.
-#[must_use]
 pub fn sparse_cost<const D: usize>(whole: &Whole<D>) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let product = (D * D * whole.blocks.stored()) as f64;
@@ -91,7 +88,6 @@ pub struct Solved<const D: usize> {
 }
 
 impl<'p, const D: usize> ComplianceForm<'p, D> {
-    #[must_use]
     pub fn new(problem: &'p Reduced<'p, D>, law: &Linearisation<D>) -> Self {
         let mut rows = Vec::new();
         let mut first = 0;
@@ -124,7 +120,6 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     }
 
     /// Number of unknowns.
-    #[must_use]
     pub fn order(&self) -> usize {
         self.contact + self.problem.scaling.modes.len()
     }
@@ -212,7 +207,6 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     }
 
     /// Rows of the matrix.
-    #[must_use]
     pub fn matrix(&self) -> Vec<f64> {
         let n = self.order();
         let modes = &self.problem.scaling.modes;

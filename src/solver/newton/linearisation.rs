@@ -8,7 +8,6 @@ use crate::reduced::reduced::Reduced;
 use crate::solver::tuning;
 
 /// Cost of a dense LU of order `n`, in products with `W` that skip most entries.
-#[must_use]
 pub fn factorisation_cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
     let compliance = &problem.compliance;
     let entries = if compliance.is_sparse() {
@@ -23,7 +22,6 @@ pub fn factorisation_cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64
 
 /// Cost of the inverses of all islands in the same units: each costs one and a half times an
 /// LU.
-#[must_use]
 pub fn inversion_cost<const D: usize>(problem: &Reduced<D>) -> f64 {
     let compliance = &problem.compliance;
     if !compliance.is_sparse() {
@@ -47,13 +45,11 @@ pub struct Linearisation<const D: usize> {
 
 impl<const D: usize> Linearisation<D> {
     /// Linearises at a point `(r, v)`.
-    #[must_use]
     pub fn new(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> Self {
         Self::with_step(problem, r, v, 1.0)
     }
 
     /// Linearises the map of `r̂ − ρ v̂` at a point `(r, v)`.
-    #[must_use]
     pub fn with_step(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]], rho: f64) -> Self {
         let scaling = &problem.scaling;
         let of_node = |i: usize| {
@@ -85,7 +81,6 @@ impl<const D: usize> Linearisation<D> {
     }
 
     /// Linearises frozen laws, one for each contact, at a point `(r, v)`.
-    #[must_use]
     pub fn frozen(
         problem: &Reduced<D>,
         laws: &[Frozen<D>],
@@ -116,7 +111,6 @@ impl<const D: usize> Linearisation<D> {
     }
 
     /// Some contacts held in every direction and the others open, from `(r, v)`.
-    #[must_use]
     pub fn held(
         problem: &Reduced<D>,
         holds: impl Fn(usize) -> bool,
@@ -186,7 +180,6 @@ fn hold<const D: usize>(
 }
 
 /// Whether a reaction moves a component of a contact.
-#[must_use]
 pub fn movable<const D: usize>(problem: &Reduced<D>, node: usize, k: usize) -> bool {
     let mut modes = problem.scaling.modes.at(node);
     problem.compliance.block(node)[(k, k)] > 0.0 || modes.any(|(_, mode)| mode[k] != 0.0)

@@ -73,7 +73,6 @@ pub struct Near<const D: usize> {
 
 impl<const D: usize> Near<D> {
     /// The problem itself.
-    #[must_use]
     pub fn nothing() -> Self {
         Self {
             shift: 0.0,
@@ -84,7 +83,6 @@ impl<const D: usize> Near<D> {
     }
 
     /// The problem with frozen laws.
-    #[must_use]
     pub fn frozen(frozen: Vec<Frozen<D>>) -> Self {
         Self {
             frozen,
@@ -115,7 +113,6 @@ impl<const D: usize> Near<D> {
     }
 
     /// Its merit at `r`.
-    #[must_use]
     pub fn merit(&self, problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
         if self.frozen.is_empty() {
             return merit(problem, r, &self.felt(problem, r, v));
@@ -228,7 +225,6 @@ fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f
 
 /// Cost of a step of a linearised law in products with `W`, and whether the form in
 /// displacements is cheaper.
-#[must_use]
 pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -> (f64, bool) {
     let free = |(node, at): &(usize, &Linearised<D>)| is_free(problem, *node, at.status);
     let open = law.at.iter().enumerate().filter(free).count();

@@ -35,7 +35,6 @@ pub struct StiffnessForm<'p, const D: usize> {
 }
 
 impl<'p, const D: usize> StiffnessForm<'p, D> {
-    #[must_use]
     pub fn new(problem: &'p Reduced<'p, D>, law: &'p Linearisation<D>) -> Self {
         let mut unknowns = Vec::new();
         let mut first = 0;
@@ -56,7 +55,6 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
     }
 
     /// Number of unknowns.
-    #[must_use]
     pub fn order(&self) -> usize {
         self.contact + self.problem.scaling.modes.len()
     }
