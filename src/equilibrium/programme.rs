@@ -116,6 +116,13 @@ impl Programme {
     /// Searches until relative residuals and gap are `enough`. Every run gives the same bits, if no limit ends it.
     pub fn solve(self, enough: f64, limits: Limits) -> Result<End, Error> {
         let (rows, columns, entries) = (self.right.len(), self.cost.len(), self.value.len());
+        let nothing = End {
+            x: vec![f64::NAN; columns],
+            multipliers: vec![f64::NAN; rows],
+        };
+        if limits.seconds_left() <= 0.0 {
+            return Ok(nothing); // to factor it would take longer than the limit
+        }
         let diagonal: Vec<usize> = (0..columns).filter(|&j| self.squares[j] != 0.0).collect();
         let squares = diagonal.iter().map(|&j| self.squares[j]).collect();
         let squares =
@@ -131,10 +138,6 @@ impl Programme {
             tol_infeas_abs: enough,
             tol_infeas_rel: enough,
             ..DefaultSettings::default()
-        };
-        let nothing = End {
-            x: vec![f64::NAN; columns],
-            multipliers: vec![f64::NAN; rows],
         };
         let made = DefaultSolver::new(
             &squares,
