@@ -1,6 +1,7 @@
 //! Aggregates: groups of coupled nodes, each of which becomes one node of the next level.
 
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, ROWS};
+use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::tuning;
 use crate::linalg::sparse::csc::narrow;

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::power_of_two::times_two_to;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
@@ -91,11 +92,6 @@ impl BlockMatrix {
             held: Vec::new(),
             exponent: self.exponent,
         }
-    }
-
-    /// The blocks of a row.
-    pub(super) fn row(&self, node: usize) -> std::ops::Range<usize> {
-        self.start[node] as usize..self.start[node + 1] as usize
     }
 
     /// The place of a diagonal block.

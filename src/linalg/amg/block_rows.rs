@@ -15,12 +15,19 @@ pub(super) trait Blocks: Sync {
 
     /// Unknowns of a node.
     fn size(&self) -> usize;
-    fn row(&self, node: usize) -> Range<usize>;
+    /// Start of each row in `column`.
+    fn start(&self) -> &[u32];
     fn column(&self) -> &[u32];
     /// Each block by columns, then as many numbers as a register has.
     fn values(&self) -> &[Self::Value];
     /// The factor of a block.
     fn scale(&self, at: usize) -> f32;
+
+    /// The blocks of a row.
+    #[inline(always)]
+    fn row(&self, node: usize) -> Range<usize> {
+        self.start()[node] as usize..self.start()[node + 1] as usize
+    }
 }
 
 impl Blocks for BlockMatrix {
@@ -30,9 +37,8 @@ impl Blocks for BlockMatrix {
         self.b
     }
 
-    #[inline(always)]
-    fn row(&self, node: usize) -> Range<usize> {
-        self.start[node] as usize..self.start[node + 1] as usize
+    fn start(&self) -> &[u32] {
+        &self.start
     }
 
     fn column(&self) -> &[u32] {

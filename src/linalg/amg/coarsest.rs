@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::dense::cholesky;
 use crate::linalg::real::Real;
 

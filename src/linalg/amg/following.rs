@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
+use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin;
 use crate::linalg::amg::hierarchy::{Levels, Made, failure, level, omega, running};

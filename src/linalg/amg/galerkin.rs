@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
+use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::amg::prolongation::{Prolongation, choose_tasks};
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::wide::{WideWork, widest};

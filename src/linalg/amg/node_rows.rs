@@ -1,6 +1,7 @@
 //! Rows of a few nodes, which unknowns that are held, and springs, change.
 
 use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::power_of_two::times_two_to;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;

@@ -7,6 +7,7 @@
 
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
+use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::tentative::{LANES, Tentative};

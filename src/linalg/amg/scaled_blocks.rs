@@ -5,7 +5,6 @@
 //! precision would have 2⁻⁹: the smoother sees rigid motions of a few nodes as stiff as the
 //! rounding is, and soft supports need these digits. Mirror images are rounded alike.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
@@ -90,9 +89,8 @@ impl Blocks for ScaledBlocks {
         self.b
     }
 
-    #[inline(always)]
-    fn row(&self, node: usize) -> Range<usize> {
-        self.start[node] as usize..self.start[node + 1] as usize
+    fn start(&self) -> &[u32] {
+        &self.start
     }
 
     fn column(&self) -> &[u32] {

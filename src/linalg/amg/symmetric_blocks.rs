@@ -287,8 +287,8 @@ impl SymmetricBlocks {
                 outside,
             };
             match b {
-                2 => widest(Sized::<2>(part)),
-                _ => widest(Sized::<3>(part)),
+                2 => widest(PartOfBlocks::<2>(part)),
+                _ => widest(PartOfBlocks::<3>(part)),
             }
         });
         tasks::for_each(self.cut(y), |k, y| {
@@ -375,9 +375,9 @@ struct ProductPart<'a> {
 }
 
 /// A part of a matrix of `B × B` blocks.
-struct Sized<'a, const B: usize>(ProductPart<'a>);
+struct PartOfBlocks<'a, const B: usize>(ProductPart<'a>);
 
-impl<const B: usize> WideWork for Sized<'_, B> {
+impl<const B: usize> WideWork for PartOfBlocks<'_, B> {
     #[inline(always)]
     fn run<const FMA: bool>(self) {
         let ProductPart {
