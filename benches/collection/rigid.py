@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from bipot_rs._lib.diagonal_matrix import diagonal_matrix
+from bipot_rs._lib.matrices import diagonal_matrix
 from bipot_rs._lib.types import Floats, Ints
 from collection.load_path import LoadPath, Proof
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
         NotConvergedError,
         NotDifferentiableError,
     )
-    from bipot_rs.contact.law.projection import project
+    from bipot_rs.contact.law.contact_law import project
     from bipot_rs.contact.law.status import Outcome, Status
     from bipot_rs.contact.one_call import solve
     from bipot_rs.contact.path.moving_gaps import MovingGaps
@@ -119,7 +119,7 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.contact.path.moving_gaps": ("MovingGaps",),
         "bipot_rs.contact.one_call": ("solve",),
         "bipot_rs.contact.problem": ("ContactProblem",),
-        "bipot_rs.contact.law.projection": ("project",),
+        "bipot_rs.contact.law.contact_law": ("project",),
         "bipot_rs.contact.proof.reaction_range": ("ReactionRange",),
         "bipot_rs.contact.reduced": ("ReducedProblem",),
         "bipot_rs.contact.results.result": ("Result",),

@@ -20,7 +20,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.blocks.block import Block, split_convex
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.mortar.clipping import clip, find_overlapping_boxes
+from bipot_rs.mortar.polygons import clip, find_overlapping_boxes
 
 # Normals of faces that touch are opposite to 25 degrees: the distance of the faces, which is
 # compared with the tolerance, decides among these.

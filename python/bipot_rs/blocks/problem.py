@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import count_noun, instead
-from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, integer, number, show_value
 from bipot_rs.blocks.block import Block
@@ -462,7 +462,7 @@ def _make_compliance(
     """W, diagonal: of joints with a stiffness per area, else zero."""
     from scipy.sparse import csr_array
 
-    from bipot_rs._lib.diagonal_matrix import diagonal_matrix
+    from bipot_rs._lib.matrices import diagonal_matrix
 
     if stiffness is None:
         W: CsrMatrix = csr_array((d * len(area), d * len(area)))

@@ -1,16 +1,21 @@
-"""The parser of a command, and the arguments that several commands have."""
+"""The parser of a command, the arguments that several commands have, and their completion.
+
+argcomplete calls the functions ``complete_...`` with the word typed so far, and leaves out what
+does not begin like it.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from argparse import Namespace
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from bipot_rs._lib.messages import meant
-from bipot_rs.cli import completion
 from bipot_rs.cli.exit_codes import BAD_INPUT, SOLVED, Ended
 from bipot_rs.cli.progress import tell
 
@@ -87,7 +92,7 @@ def read_options(kind: type[T], found: argparse.Namespace, **others: object) -> 
     return kind(**given, **others)
 
 
-def complete_by(argument: argparse.Action, names: completion.Completer) -> None:
+def complete_by(argument: argparse.Action, names: Completer) -> None:
     """Let the shell complete an argument with the names that begin like it."""
     # argcomplete reads this attribute.
     argument.completer = names  # type: ignore[attr-defined]
@@ -98,7 +103,7 @@ def add_scene(parser: Parser) -> None:
     scene = parser.add_argument(
         "scene", metavar="SCENE", help="Name of a shipped scene, or a TOML file."
     )
-    complete_by(scene, completion.complete_scenes)
+    complete_by(scene, complete_scenes)
 
 
 def add_settings(
@@ -116,7 +121,7 @@ def add_settings(
         metavar=metavar,
         help=f"{purpose} May be given several times.",
     )
-    complete_by(setting, completion.complete_keys)
+    complete_by(setting, complete_keys)
 
 
 def add_method(parser: Parser, *, of_scene: bool) -> None:
@@ -128,7 +133,7 @@ def add_method(parser: Parser, *, of_scene: bool) -> None:
         help="Contact solver"
         + (", instead of the scene's." if of_scene else ". Default: auto."),
     )
-    complete_by(method, completion.complete_methods)
+    complete_by(method, complete_methods)
 
 
 def add_out(parser: Parser, purpose: str) -> None:
@@ -175,3 +180,108 @@ def read_count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive integer")
     return int(text)
+
+
+Completer = Callable[..., Iterable[str]]
+
+
+def complete_scenes(prefix: str, **_: object) -> Iterable[str]:
+    """Names of shipped scenes, and TOML files."""
+    from argcomplete.completers import FilesCompleter
+
+    from bipot_rs.scene.library import shipped
+
+    return [*shipped(), *FilesCompleter(["toml"])(prefix)]
+
+
+def complete_methods(**_: object) -> Iterable[str]:
+    """Names of the contact solvers."""
+    import bipot_rs._core as _core
+
+    return list(_core.METHODS)
+
+
+def complete_kinds(**_: object) -> Iterable[str]:
+    """Kinds of pictures."""
+    from bipot_rs.plots.by_name import KINDS
+
+    return list(KINDS)
+
+
+def complete_keys(prefix: str, parsed_args: Namespace, **_: object) -> list[str]:
+    """Keys for ``--set`` of the scene that is named before it."""
+    return list_keys(getattr(parsed_args, "scene", None), prefix)
+
+
+def list_keys(scene: str | None, incomplete: str) -> list[str]:
+    """Keys for ``--set`` that begin so, one level at a time.
+
+    A key that has keys of its own ends in a dot, any other in ``=``.
+
+    ``scene``: its bodies, materials and lists are known by their names and numbers; without a
+    scene, or with one that cannot be read, only the keys that all scenes have.
+    ``incomplete``: what is typed so far: ``"contact.0.m"``.
+    """
+    from bipot_rs.scene.schema.root import Scene
+    from bipot_rs.scene.schema.suggestions import keys as keys_of_schema
+
+    if "=" in incomplete:
+        return []
+    *above, _ = incomplete.split(".")
+    here = _follow(_read_table(scene), above)
+    names: list[str] = keys_of_schema(Scene, above)
+    if isinstance(here, list):
+        names = [
+            str(entry.get("name", k)) if isinstance(entry, dict) else str(k)
+            for k, entry in enumerate(here)
+        ]
+    elif isinstance(here, dict):
+        names = list(dict.fromkeys([*here, *names]))
+    keys = []
+    for name in names:
+        inner = here.get(name) if isinstance(here, dict) else None
+        # A table, or tables by name or number, of which "0" may be one. A plain value in
+        # place of a table has no keys.
+        more = not _is_plain(inner) and any(
+            keys_of_schema(Scene, [*above, name, *end]) for end in ((), ("0",))
+        )
+        key = ".".join([*above, name]) + ("." if more else "=")
+        if key.startswith(incomplete):
+            keys.append(key)
+    if len(keys) == 1 and keys[0].endswith(".") and keys[0] != incomplete:
+        # The shell would end a single completion by a space.
+        return list_keys(scene, keys[0])
+    return keys
+
+
+def _is_plain(value: object) -> bool:
+    """Whether a value of the scene has no keys: a number, a text, or a list of these."""
+    if isinstance(value, list):
+        return not any(isinstance(item, dict) for item in value)
+    return value is not None and not isinstance(value, dict)
+
+
+def _read_table(scene: str | None) -> object:
+    if not isinstance(scene, str):
+        return {}
+    from bipot_rs.scene.library import text
+    from bipot_rs.scene.reading import parse
+
+    # A faulty scene has no keys to complete; the command itself reports the fault.
+    with suppress(ValueError):
+        return parse(scene, text(scene))
+    return {}
+
+
+def _follow(table: object, place: list[str]) -> object:
+    """The value at a key path; None if there is none."""
+    from bipot_rs.scene.reading import entries
+
+    for part in place:
+        if isinstance(table, dict):
+            table = table.get(part)
+        elif isinstance(table, list) and (chosen := entries(table, part)):
+            table = table[chosen[0]]
+        else:
+            return None
+    return table

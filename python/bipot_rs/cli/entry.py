@@ -18,8 +18,7 @@ from bipot_rs.cli.exit_codes import (
 )
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import OutputLost, complain, line
-from bipot_rs.cli.run.names import PETSC
-from bipot_rs.cli.run.runner import MISTAKES, outcome
+from bipot_rs.cli.run.runner import MISTAKES, PETSC, outcome
 from bipot_rs.petsc.run.ranks import discard_output, read_launcher
 
 

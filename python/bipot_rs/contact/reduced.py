@@ -30,8 +30,7 @@ from bipot_rs.contact.errors import (
     NoEquilibriumError,
     NotConvergedError,
 )
-from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.law.projection import project
+from bipot_rs.contact.law.contact_law import ContactLaw, project
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.results import summary

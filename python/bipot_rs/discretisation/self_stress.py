@@ -20,7 +20,7 @@ from itertools import combinations
 import numpy as np
 from scipy import sparse
 
-from bipot_rs._lib.diagonal_matrix import diagonal_matrix
+from bipot_rs._lib.matrices import diagonal_matrix
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.simplices import Simplices, elastic, error_energy, pairs

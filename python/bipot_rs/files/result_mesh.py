@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import AnyArray, Floats, Ints, Record
 from bipot_rs.files.fields import MESH, labels
 

@@ -37,7 +37,7 @@ exact for straight edges with nodes at their midpoints.
 Integrals are exact in 2D, and in 3D for triangles and parallelograms. In other
 quadrilaterals N is not a polynomial of the position: the order of the rule grows with
 skewness. The remaining error, about 1e-8, is removed from the resultants ∫ φ_j of each
-intersection (`bipot_rs.mortar.polygon_integrals`), so that it does not affect forces and
+intersection (`bipot_rs.mortar.polygons`), so that it does not affect forces and
 the patch test.
 """
 
@@ -48,18 +48,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bipot_rs._lib.diagonal_matrix import diagonal_matrix
+from bipot_rs._lib.matrices import diagonal_matrix
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.mortar.clipping import (
+from bipot_rs.mortar.facet_mesh import FacetMesh, candidates
+from bipot_rs.mortar.polygons import (
     clip,
     find_overlapping_boxes,
     keep_half,
+    polygon_integrals,
     triangle_rule,
     triangles,
 )
-from bipot_rs.mortar.facet_mesh import FacetMesh, candidates
-from bipot_rs.mortar.polygon_integrals import polygon_integrals
 from bipot_rs.mortar.shape_functions import (
     CORNER_SHAPES,
     KINDS,

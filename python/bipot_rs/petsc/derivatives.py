@@ -24,8 +24,6 @@ from bipot_rs.contact.results.derivatives import (
     Tangent,
 )
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.sensitivity.displacements import Stalled
-from bipot_rs.contact.sensitivity.gradient import Backward
 from bipot_rs.contact.sensitivity.laws import Laws
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import (
@@ -34,8 +32,8 @@ from bipot_rs.contact.sensitivity.model import (
     check_changes,
     check_cotangent,
 )
-from bipot_rs.contact.sensitivity.response import PathResponse, sum_work
-from bipot_rs.contact.sensitivity.tangent import Forward
+from bipot_rs.contact.sensitivity.path_derivatives import Backward, Forward
+from bipot_rs.contact.sensitivity.response import PathResponse, Stalled, sum_work
 from bipot_rs.petsc.agreement import check_same, do_together
 from bipot_rs.petsc.engine import PetscEngine
 from bipot_rs.petsc.operator import Operator

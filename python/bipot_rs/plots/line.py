@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Integers
-from bipot_rs.contact.law.elliptic_friction import dissipation
+from bipot_rs.contact.law.contact_law import dissipation
 from bipot_rs.contact.law.status import Status
 from bipot_rs.plots import style
 from bipot_rs.plots.data import ContactsArgument, DrawnContacts, look

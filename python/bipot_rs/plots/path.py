@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.law.elliptic_friction import dissipation as by_pressure
+from bipot_rs.contact.law.contact_law import dissipation as by_pressure
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.resultants import is_curved, list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES

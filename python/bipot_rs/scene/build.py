@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import Body, Box

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact import tuning
@@ -360,7 +360,7 @@ class Case:
         """The first load step that contact cannot carry, described; None if there is none."""
         if self.load is None:
             return None
-        from bipot_rs.fem.checks.unbalanced import describe_unbalanced
+        from bipot_rs.fem.checks.free_bodies import describe_unbalanced
 
         return describe_unbalanced(self.model, self.load, self.gaps)
 

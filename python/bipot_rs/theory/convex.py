@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs.contact.law.projection import project
+from bipot_rs.contact.law.contact_law import project
 
 # Tolerance of a condition on a sum of a few rounded numbers, relative to their sizes: a
 # point that is constructed on a border must count as inside.

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 import bipot_rs._core as _core
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.errors import NoEquilibriumError

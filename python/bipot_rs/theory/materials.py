@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import by_contact, coulomb, floats, positive, vectors
-from bipot_rs.contact.law.projection import project
+from bipot_rs.contact.law.contact_law import project
 from bipot_rs.theory.convex import (
     dot,
     indicator,

@@ -26,7 +26,7 @@ from scipy.sparse.linalg import splu
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import make_type_error, place
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import (
     csr,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.theory.points import PlasticPoints, PointLaw

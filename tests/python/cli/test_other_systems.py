@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bipot_rs._lib.memory import installed
-from bipot_rs.cli.study.worker_pool import Workers
+from bipot_rs.cli.study.workers import Workers
 
 
 def test_memory_that_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:

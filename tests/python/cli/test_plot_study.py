@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import bipot_rs.plots.study
-from bipot_rs.cli.study.folder import write_record
+from bipot_rs.cli.study.folder import write, write_record
 from bipot_rs.cli.study.plan import StudyRecord
-from bipot_rs.cli.study.table import write
 
 Bipot = Callable[..., tuple[int, str, str]]
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}

@@ -1,4 +1,4 @@
-"""The commands new, check, info, plot and schema, and shell completion."""
+"""The commands new, check, info, plot and schema, and shell arguments."""
 
 import csv
 import json
@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.cli import app, completion
+from bipot_rs.cli import app, arguments
 from bipot_rs.cli.commands import check as checking
 from bipot_rs.cli.commands.new import templates
 from bipot_rs.cli.commands.schema import schema
 from bipot_rs.cli.run import cost_forecast
-from bipot_rs.cli.run.names import ENGINES
+from bipot_rs.cli.run.runner import ENGINES
 from bipot_rs.plots.by_name import KINDS
 from bipot_rs.scene import assemble, bodies, read
 from bipot_rs.scene.library import shipped, text
@@ -338,13 +338,13 @@ def test_plot_draws_what_run_draws(bipot: Any) -> None:
     assert (folder / "tractions.png").read_bytes() == drawn
     assert bipot("plot", f"{folder}/result.h5", "--out", "a.svg")[0] == 0
     assert "<svg" in Path("a.svg").read_text()
-    for arguments, message in (
+    for words, message in (
         ((str(folder), "--kind", "traction"), "did you mean 'tractions'?"),
         (("nowhere",), "there is no nowhere"),
         ((str(folder), "--out", "a.doc"), "cannot draw a.doc"),
         ((str(folder), "--out", "no/a.png"), "cannot write no/a.png"),
     ):
-        status, out, err = bipot("plot", *arguments)
+        status, out, err = bipot("plot", *words)
         assert (status, out) == (2, "")
         assert message in err
 
@@ -520,7 +520,7 @@ def test_schema_refuses_what_bipot_refuses(change: Callable[[Any], Any]) -> None
 def test_keys_are_completed(
     scene: str | None, incomplete: str, found: list[str]
 ) -> None:
-    assert completion.list_keys(scene, incomplete) == found
+    assert arguments.list_keys(scene, incomplete) == found
 
 
 @pytest.mark.parametrize(
@@ -561,7 +561,7 @@ def test_completed_keys_are_keys_of_the_scene() -> None:
     """Each key that is offered for a scene can be set in it: no message calls it unknown."""
     open_ends, leaves = [""], []
     while open_ends:
-        for key in completion.list_keys("sheared_cube", open_ends.pop()):
+        for key in arguments.list_keys("sheared_cube", open_ends.pop()):
             (open_ends if key.endswith(".") else leaves).append(key)
     assert len(leaves) > 30
     for key in leaves:

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from bipot_rs.cli.entry import call
-from bipot_rs.cli.study.axes import rows, space_values, values
-from bipot_rs.cli.study.table import write as write_table
-from bipot_rs.cli.study.worker_pool import Workers
+from bipot_rs.cli.study.folder import write as write_table
+from bipot_rs.cli.study.plan import list_rows, space_values, values
+from bipot_rs.cli.study.workers import Workers
 from support.pushed_study import interrupt_sweep
 
 BIPOT = [sys.executable, "-m", "bipot_rs"]
@@ -127,7 +127,7 @@ def write(folder: Path, path: Path) -> None:
 
 
 def test_combinations() -> None:
-    combinations = rows(["a=1,2"], ["b=0:1:3"])
+    combinations = list_rows(["a=1,2"], ["b=0:1:3"])
     assert [(combination["a"], combination["b"]) for combination in combinations] == [
         *(("1", "0.0"), ("1", "0.5"), ("1", "1.0")),
         *(("2", "0.0"), ("2", "0.5"), ("2", "1.0")),
@@ -143,7 +143,7 @@ def test_combinations() -> None:
         ),
     ):
         with pytest.raises(ValueError, match=message):
-            rows(*settings)
+            list_rows(*settings)
 
 
 def test_rows_are_those_of_single_runs(

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from bipot_rs.cli.run.cost_forecast import assembly, size
-from bipot_rs.cli.study.cluster import Cluster
 from bipot_rs.cli.study.row import peak
+from bipot_rs.cli.study.workers import Cluster
 from bipot_rs.scene import read
 from support.comparisons import content
 from support.dask_workers import row, solved_then_killed, two_workers
@@ -113,7 +113,7 @@ def test_a_result_lost_with_its_worker_is_computed_again(
     asked = [(number, tmp_path) for number in range(4)]
     with Cluster(strict, lambda _: None) as cluster:
         # Less than the row takes the second time.
-        monkeypatch.setattr("bipot_rs.cli.study.cluster._CONNECT", 1.0)
+        monkeypatch.setattr("bipot_rs.cli.study.workers._CONNECT", 1.0)
         result = dict(cluster.map(solved_then_killed, asked))
         monkeypatch.undo()
     assert result == {number: number for number in range(4)}
@@ -197,7 +197,7 @@ def test_wrong_addresses(
     bipot: Callable[..., tuple[int, str, str]],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("bipot_rs.cli.study.cluster._CONNECT", 0.5)
+    monkeypatch.setattr("bipot_rs.cli.study.workers._CONNECT", 0.5)
     status, output, errors = bipot(
         "sweep", "sheared_cube", "--set", "mesh.n=2,3", "--scheduler", address
     )

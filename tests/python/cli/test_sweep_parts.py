@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from bipot_rs.cli.study.axes import StudyPart, deal, part
+from bipot_rs.cli.study.plan import StudyPart, deal, part
 from support.comparisons import content
 from support.pushed_study import PUSHED, table
 

@@ -7,7 +7,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.fem.checks.unbalanced import describe_unbalanced
+from bipot_rs.fem.checks.free_bodies import describe_unbalanced
 
 pytestmark = pytest.mark.needs_extra
 

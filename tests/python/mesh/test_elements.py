@@ -13,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 from bipot_rs import fem
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.fem.bodies.stress_recovery import stress_at_points
-from bipot_rs.files.vtu import write_grid
+from bipot_rs.files.series import write_grid
 from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ import skfem
 
 from bipot_rs import fem
 from bipot_rs.fem.bodies.elasticity import vtk_cells
-from bipot_rs.files.vtu import write_grid
+from bipot_rs.files.series import write_grid
 from bipot_rs.mesh import elements, kinds, serendipity
 from support import places
 

@@ -9,7 +9,7 @@ import skfem
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs.mortar import clipping, integrals
+from bipot_rs.mortar import integrals, polygons
 from support.sheets import line, rotation, second_order, sheet
 
 Array = NDArray[np.float64]
@@ -495,7 +495,7 @@ def test_boxes_side_by_side_are_those_of_comparing_all(d: int) -> None:
         over = ((high[:, None] > low) & (high > low[:, None])).all(axis=2)
         expected = np.argwhere(np.tril(over & (s[:, None] == s), -1)).tolist()
         portions = [np.zeros((0, 2), int)]
-        portions += map(np.column_stack, clipping.find_overlapping_boxes(s, corners))
+        portions += map(np.column_stack, polygons.find_overlapping_boxes(s, corners))
         assert sorted(np.concatenate(portions).tolist()) == expected
         met += len(expected)
     assert met > 10_000

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import bipot_rs as bp
 from bipot_rs import scene
-from bipot_rs.cli.completion import list_keys
+from bipot_rs.cli.arguments import list_keys
 from bipot_rs.scene import builder
 from bipot_rs.scene.schema.root import Scene
 from support import children

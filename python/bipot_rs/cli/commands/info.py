@@ -38,7 +38,7 @@ def summarise(name: str) -> dict[str, object]:
     Returns ``kind``, figures by name, and ``lines`` for a terminal.
     Raises `OSError` or `ValueError`: the file cannot be read, or is of another kind.
     """
-    from bipot_rs.cli.info import fields, mesh, result, scene
+    from bipot_rs.cli import info
     from bipot_rs.cli.run.output_folder import RESULT
 
     path = Path(name)
@@ -47,16 +47,16 @@ def summarise(name: str) -> dict[str, object]:
             raise ValueError(f"{path} is a folder without {RESULT}")
         path = path / RESULT
     suffix = path.suffix.lower()
-    if suffix in fields.SUFFIXES:
-        return fields.summarise(path)
-    if suffix in mesh.SUFFIXES:
-        return mesh.summarise(path)
+    if suffix in info.SERIES_SUFFIXES:
+        return info.summarise_fields(path)
+    if suffix in info.MESH_SUFFIXES:
+        return info.summarise_mesh(path)
     if suffix in (".h5", ".vtkhdf"):
-        return result.summarise(path)
+        return info.summarise_result(path)
     if path.is_file() and suffix not in ("", ".toml"):
         raise ValueError(
             f"{name} is a file {path.suffix}, expected a result (.h5), a file for ParaView "
-            f"({', '.join(fields.SUFFIXES)}), a mesh ({', '.join(mesh.SUFFIXES)}) or a "
+            f"({', '.join(info.SERIES_SUFFIXES)}), a mesh ({', '.join(info.MESH_SUFFIXES)}) or a "
             "scene (.toml)"
         )
-    return scene.summarise(name)
+    return info.summarise_scene(name)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import meant
 from bipot_rs.cli import arguments as shared
-from bipot_rs.cli import completion
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import tell
@@ -39,7 +38,7 @@ def add_arguments(parser: shared.Parser) -> None:
         "wear. In three dimensions also pressure_3d, shear_3d, gap_3d, slip_3d, status_3d; "
         "for plane surfaces pressure_map, shear_map, gap_map.",
     )
-    shared.complete_by(kind, completion.complete_kinds)
+    shared.complete_by(kind, shared.complete_kinds)
     shared.add_out(
         parser,
         "File to write. Default: RESULT/KIND.png. NAME.gif is an animation over the load "
@@ -92,7 +91,7 @@ def add_arguments(parser: shared.Parser) -> None:
         help="Scene of the result, for deformed, the _3d pictures and --over. Default: the scene "
         "named in the result.",
     )
-    shared.complete_by(scene, completion.complete_scenes)
+    shared.complete_by(scene, shared.complete_scenes)
     shared.add_settings(parser, purpose="Keys that were set for the run.")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.run.names import ENGINES, ENOUGH
+from bipot_rs.cli.run.runner import ENGINES, ENOUGH
 
 SUMMARY = "Solve a scene. Writes steps.csv, result.h5, and files for ParaView."
 DETAILS = """\

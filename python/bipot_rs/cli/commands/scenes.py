@@ -7,7 +7,6 @@ import sys
 import tomllib
 
 from bipot_rs.cli import arguments as shared
-from bipot_rs.cli import completion
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import tell
@@ -21,7 +20,7 @@ def add_arguments(parser: shared.Parser) -> None:
     name = parser.add_argument(
         "name", metavar="NAME", nargs="?", help="Print the TOML of this scene."
     )
-    shared.complete_by(name, completion.complete_scenes)
+    shared.complete_by(name, shared.complete_scenes)
 
 
 def run(found: argparse.Namespace, _: Interrupts) -> int:

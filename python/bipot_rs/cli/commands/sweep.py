@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from bipot_rs.cli import arguments as shared
-from bipot_rs.cli import completion
 from bipot_rs.cli.exit_codes import Ended
 from bipot_rs.cli.interrupts import Interrupts
 
@@ -34,7 +33,7 @@ def add_arguments(parser: shared.Parser) -> None:
         help="COUNT equally spaced values: 0.1:0.5:3 is 0.1, 0.3, 0.5. May be given several "
         "times.",
     )
-    shared.complete_by(ranges, completion.complete_keys)
+    shared.complete_by(ranges, shared.complete_keys)
     shared.add_out(parser, "Folder for sweep.csv. Default: out/SCENE-sweep.")
     shared.add_method(parser, of_scene=True)
     parser.add_argument(
@@ -71,7 +70,7 @@ def add_arguments(parser: shared.Parser) -> None:
 
 def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
-    from bipot_rs.cli.study.axes import part
+    from bipot_rs.cli.study.plan import part
     from bipot_rs.cli.study.solving import StudyOptions, solve_rows
 
     request = shared.read_options(

@@ -18,7 +18,6 @@ from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import Progress, complain, tell
-from bipot_rs.cli.run.names import ENOUGH, PETSC
 from bipot_rs.cli.run.output_files import Output, origin
 from bipot_rs.cli.run.output_folder import (
     LINK,
@@ -28,6 +27,7 @@ from bipot_rs.cli.run.output_folder import (
     ours,
     replace,
 )
+from bipot_rs.cli.run.runner import ENOUGH, PETSC
 from bipot_rs.cli.run.shared_runner import PHASES, SharedRunner
 from bipot_rs.petsc.run.ranks import World, read_launcher
 

@@ -12,11 +12,21 @@ from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED,
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import Progress, complain, line
 from bipot_rs.cli.run.output_files import Reached
+from bipot_rs.contact.path.choice import ENGINES as OF_ARRAYS
 from bipot_rs.petsc.run.ranks import OtherRankError
 
 if TYPE_CHECKING:
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.results.solution import Step
+
+
+# A tolerance that depends on the mesh.
+ENOUGH = "discretisation"
+# The engine that runs on several processes.
+PETSC = "petsc"
+# The engines of a scene.
+ENGINES = (*OF_ARRAYS, PETSC)
+
 
 # Mistakes of the caller. Any other exception is a fault of the program.
 MISTAKES = (ImportError, ValueError, OSError, MemoryError, Ended, OtherRankError)

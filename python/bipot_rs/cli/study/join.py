@@ -11,18 +11,18 @@ from pathlib import Path
 from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.progress import complain
 from bipot_rs.cli.run.output_folder import RESULT, SWEEP, SWEEP_RECORD
-from bipot_rs.cli.study import axes
-from bipot_rs.cli.study.axes import FOLDERS, StudyPart, part
 from bipot_rs.cli.study.folder import (
+    MISSING,
     make_folder,
+    read,
     read_record,
     row_folder,
     set_aside,
+    write,
     write_record,
 )
-from bipot_rs.cli.study.plan import StudyRecord
+from bipot_rs.cli.study.plan import FOLDERS, StudyPart, StudyRecord, list_rows, part
 from bipot_rs.cli.study.report import group_rows, print_study, summarise_rows
-from bipot_rs.cli.study.table import MISSING, read, write
 
 _NO_PART = "its part was not joined"
 
@@ -90,7 +90,7 @@ def join(given: Sequence[Path]) -> JoinedStudy:
                 f"part {part_text} is both in {by_number[part_text]} and in {folder}: name one"
             )
         by_number[part_text] = folder
-    asked = axes.rows(record.settings, record.ranges)
+    asked = list_rows(record.settings, record.ranges)
     rows: dict[int, dict[str, str]] = {}
     folders: dict[int, Path] = {}
     for folder, other in parts.items():

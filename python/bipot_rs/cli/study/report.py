@@ -11,9 +11,8 @@ from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED, worst
 from bipot_rs.cli.progress import line, tell
 from bipot_rs.cli.run.output_folder import ROWS, SWEEP
-from bipot_rs.cli.study.axes import StudyPart
-from bipot_rs.cli.study.folder import has_result
-from bipot_rs.cli.study.table import OUTCOME_OF, OUTCOMES
+from bipot_rs.cli.study.folder import OUTCOME_OF, OUTCOMES, has_result
+from bipot_rs.cli.study.plan import StudyPart
 from bipot_rs.cli.text_table import format_table
 from bipot_rs.contact.law.status import STATUS_NAMES
 

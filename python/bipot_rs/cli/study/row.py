@@ -14,9 +14,8 @@ import numpy as np
 from bipot_rs.cli.exit_codes import NOT_CONVERGED, SOLVED
 from bipot_rs.cli.run.output_folder import RESULT
 from bipot_rs.cli.run.runner import outcome, recover_steps
-from bipot_rs.cli.study.folder import row_folder
+from bipot_rs.cli.study.folder import OUTCOME_OF, PRESSURE, row_folder
 from bipot_rs.cli.study.plan import format_settings, row_digest
-from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE
 from bipot_rs.contact.law.status import STATUS_NAMES
 
 if TYPE_CHECKING:

@@ -15,23 +15,25 @@ from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.progress import Progress, complain, line
 from bipot_rs.cli.run.cost_forecast import cores
 from bipot_rs.cli.run.output_folder import SWEEP
-from bipot_rs.cli.study.axes import StudyPart, deal
 from bipot_rs.cli.study.folder import (
+    LOST,
+    OUTCOME_OF,
+    earlier,
     has_result,
     make_folder,
     set_aside,
+    write,
     write_record,
 )
-from bipot_rs.cli.study.plan import Study, format_settings, plan
+from bipot_rs.cli.study.plan import Study, StudyPart, deal, format_settings, plan
 from bipot_rs.cli.study.report import print_study, summarise_rows
 from bipot_rs.cli.study.row import Row, peak, solve, solve_as
-from bipot_rs.cli.study.table import LOST, OUTCOME_OF, earlier, write
-from bipot_rs.cli.study.worker_pool import Workers
+from bipot_rs.cli.study.workers import Workers
 from bipot_rs.scene.library import shipped
 
 if TYPE_CHECKING:
     from bipot_rs._lib.types import Record
-    from bipot_rs.cli.study.cluster import Cluster
+    from bipot_rs.cli.study.workers import Cluster
 
 # The number of a row, and its entries or why it was lost.
 Answers = Iterator[tuple[int, dict[str, object] | str]]
@@ -159,7 +161,7 @@ def _pool(request: StudyOptions, say: Callable[[str], object]) -> Workers | Clus
     """What solves the rows: processes of this machine, or a cluster."""
     if request.scheduler is None:
         return Workers(solve, cores() if request.jobs is None else request.jobs)
-    from bipot_rs.cli.study.cluster import Cluster
+    from bipot_rs.cli.study.workers import Cluster
 
     return Cluster(request.scheduler, say)
 

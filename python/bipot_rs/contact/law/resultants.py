@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.law.elliptic_friction import dissipation, find_largest, find_limit
+from bipot_rs.contact.law.contact_law import dissipation, find_largest, find_limit
 
 # Difference of normals of one plane, if a file gives coordinates with seven digits.
 _FLAT = 1e-6

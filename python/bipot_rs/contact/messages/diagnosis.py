@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
-from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.law.elliptic_friction import (
+from bipot_rs.contact.law.contact_law import (
+    ContactLaw,
     dissipation,
     find_largest,
     find_limit,

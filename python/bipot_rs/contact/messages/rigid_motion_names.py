@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import body_of
-from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
-from bipot_rs.contact.law.elliptic_friction import dissipation
+from bipot_rs.contact.law.contact_law import dissipation
 
 # Coordinates below this, relative to the size of the body, are rounding errors of zero.
 _ZERO = 1e-9

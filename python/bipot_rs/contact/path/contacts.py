@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import count_noun
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import AnyArray, Floats
 from bipot_rs._lib.validation import (
     Csr,

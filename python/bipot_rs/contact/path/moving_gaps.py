@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib import validation
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.results.solution import Step

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.proof.cone_set import make_cone_set

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Self, SupportsIndex, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.copies import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.optional import load_library
+from bipot_rs._lib.records import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Integers, Ints, MatrixLike
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
-from bipot_rs._lib.copies import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.messages import count_noun
+from bipot_rs._lib.records import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Outcome

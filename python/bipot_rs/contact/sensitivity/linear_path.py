@@ -13,12 +13,14 @@ from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.sensitivity.borders import Terms, find_borders
-from bipot_rs.contact.sensitivity.displacements import DisplacementResponse
 from bipot_rs.contact.sensitivity.laws import Point
-from bipot_rs.contact.sensitivity.linear import LinearisedStep
+from bipot_rs.contact.sensitivity.linear import LinearisedStep, Terms, find_borders
 from bipot_rs.contact.sensitivity.model import PathModel, spread_friction
-from bipot_rs.contact.sensitivity.response import CondensedResponse, PathResponse
+from bipot_rs.contact.sensitivity.response import (
+    CondensedResponse,
+    DisplacementResponse,
+    PathResponse,
+)
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.contact_data import ContactArrays

@@ -33,18 +33,16 @@ class Differentiable:
 
     def jvp(self, result: Result, change: DataChange, /) -> Tangent:
         """`Result.jvp`."""
-        from bipot_rs.contact.sensitivity import tangent
+        from bipot_rs.contact.sensitivity.path_derivatives import find_tangent
 
-        return self._derive(
-            result, lambda path: tangent.find_tangent(path, result, change)
-        )
+        return self._derive(result, lambda path: find_tangent(path, result, change))
 
     def vjp(self, result: Result, cotangents: Cotangents, /) -> Gradient:
         """`Result.vjp`."""
-        from bipot_rs.contact.sensitivity import gradient
+        from bipot_rs.contact.sensitivity.path_derivatives import find_gradient
 
         return self._derive(
-            result, lambda path: gradient.find_gradient(path, result, cotangents)
+            result, lambda path: find_gradient(path, result, cotangents)
         )
 
     def _derive(self, result: Result, derive: Callable[[LinearPath], T]) -> T:
@@ -52,8 +50,8 @@ class Differentiable:
 
         Where the solver of the iterative engine stalls, the direct engine replaces it.
         """
-        from bipot_rs.contact.sensitivity.displacements import Stalled
         from bipot_rs.contact.sensitivity.linear_path import LinearPath
+        from bipot_rs.contact.sensitivity.response import Stalled
 
         path = self.linearised
         if path is None or path.steps is not result.steps:

@@ -13,10 +13,14 @@ from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.results.derivatives import ReducedGradient, ReducedTangent
-from bipot_rs.contact.sensitivity.borders import Terms, find_borders
 from bipot_rs.contact.sensitivity.directional import differentiate_step
 from bipot_rs.contact.sensitivity.laws import Point
-from bipot_rs.contact.sensitivity.linear import LinearisedStep, StepChange
+from bipot_rs.contact.sensitivity.linear import (
+    LinearisedStep,
+    StepChange,
+    Terms,
+    find_borders,
+)
 from bipot_rs.contact.sensitivity.model import (
     check_cotangent,
     check_rest,

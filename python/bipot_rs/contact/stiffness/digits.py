@@ -34,8 +34,8 @@ from scipy import sparse
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lsqr
 
 import bipot_rs._core as _core
+from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import body_of
-from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts, csr, number
 

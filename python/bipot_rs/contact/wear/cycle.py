@@ -15,7 +15,7 @@ from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.path.load_steps import Gap, Totals
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.wear.arguments import WearArguments
+from bipot_rs.contact.wear.record import WearArguments
 from bipot_rs.contact.wear.stability import STABLE, Stability
 
 # A smaller rate is far from `STABLE`, also if it is divided by two.

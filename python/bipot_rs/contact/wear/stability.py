@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg
 
-from bipot_rs._lib.diagonal_matrix import diagonal_matrix
+from bipot_rs._lib.matrices import diagonal_matrix
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts
 from bipot_rs.contact import tuning

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from bipot_rs._lib.diagonal_matrix import diagonal_matrix
+from bipot_rs._lib.matrices import diagonal_matrix, rigid_motions
 from bipot_rs._lib.messages import count_noun, place
-from bipot_rs._lib.rigid_motions import rigid_motions
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import AnyArray, CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.errors import (

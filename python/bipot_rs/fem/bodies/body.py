@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead, place
-from bipot_rs._lib.short_repr import short_repr
+from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Floats, Integers, Ints
 from bipot_rs._lib.validation import floats, show_value
 from bipot_rs.fem.bodies.materials import Elastic, Material

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import instead
-from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Box

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import sparse
 
-from bipot_rs._lib.diagonal_matrix import diagonal_matrix
+from bipot_rs._lib.matrices import diagonal_matrix
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs.fem.constraints.inclined_supports import Planes

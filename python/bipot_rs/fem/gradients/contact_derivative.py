@@ -18,10 +18,137 @@ import numpy as np
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.contact.contact import Contact, both, rigid_obstacle
-from bipot_rs.fem.gradients.shape_derivative import AreaVectors
-from bipot_rs.obstacle.curvature import curvature
+from bipot_rs.mesh.elements import facet_nodes, jacobian
 from bipot_rs.obstacle.motion import Motion
-from bipot_rs.obstacle.shapes import Plane
+from bipot_rs.obstacle.protocol import Obstacle, check_direction, length
+from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus, Union
+
+
+def curvature(obstacle: Obstacle, points: Floats) -> Floats:
+    """``∂n_i/∂x_j`` of `Obstacle.closest`, ``(n, d, d)`` [1/m]; symmetric.
+
+    It is the second derivative of the distance: its first derivative is n.
+
+    Raises `ValueError`: the obstacle has no formula for it: `Distance`, `Surface`, or a class
+    defined elsewhere.
+    """
+    if isinstance(obstacle, Union):
+        each = [part.closest(points).distance for part in obstacle.obstacles]
+        nearest = np.argmin(each, axis=0)
+        curvatures = np.stack([curvature(part, points) for part in obstacle.obstacles])
+        return np.asarray(curvatures[nearest, np.arange(len(points))])
+    count, dim = points.shape
+    unit = np.broadcast_to(np.eye(dim), (count, dim, dim))
+    if isinstance(obstacle, Plane):
+        return np.zeros((count, dim, dim))
+    if isinstance(obstacle, Sphere):
+        arm = points - np.asarray(obstacle.centre, np.float64)
+        return _round(arm, unit, obstacle.inside)
+    if isinstance(obstacle, Cylinder):
+        arm, slope = points - np.asarray(obstacle.point, np.float64), unit
+        if obstacle.axis is not None:
+            axis = check_direction("axis of the cylinder", obstacle.axis, 3)
+            slope = unit - np.outer(axis, axis)
+            arm = np.einsum("nij,nj->ni", slope, arm)
+        return _round(arm, slope, obstacle.inside)
+    if isinstance(obstacle, Torus):
+        axis = check_direction("axis of the torus", obstacle.axis, 3)
+        across = unit - np.outer(axis, axis)
+        arm = points - np.asarray(obstacle.centre, np.float64)
+        radial = np.einsum("nij,nj->ni", across, arm)
+        far = length(radial)[:, None]
+        slope = unit - obstacle.major_radius * _turning(radial, across)
+        return _round(
+            arm - obstacle.major_radius * radial / far, slope, obstacle.inside
+        )
+    raise ValueError(
+        f"the obstacle is a {type(obstacle).__name__}, for which the derivative of the "
+        "normal has no formula: use a Plane, Sphere, Cylinder, Torus or a Union of these"
+    )
+
+
+def _turning(arm: Floats, slope: Floats) -> Floats:
+    """Derivative of ``arm / |arm|``, from that of ``arm``, ``(n, d, d)``."""
+    far = length(arm)
+    unit = arm / far[:, None]
+    along = np.einsum("nk,nkj->nj", unit, slope)
+    turned = (slope - unit[:, :, None] * along[:, None]) / far[:, None, None]
+    return np.asarray(turned, np.float64)
+
+
+def _round(arm: Floats, slope: Floats, inside: bool) -> Floats:
+    return (-1.0 if inside else 1.0) * _turning(arm, slope)
+
+
+def stress_of_motion(
+    adjoint: Floats, displacement: Floats, stress: Floats, adjoint_stress: Floats
+) -> Floats:
+    """S of ``∫ ∇λ : C : (∇u - ε0)``, ``(d, d, cells, points)``.
+
+    ``adjoint, displacement``: ``∂_a λ_k`` and ``∂_a u_k``, ``(k, a, cells, points)``.
+    ``stress, adjoint_stress``: ``C : (∇u - ε0)`` and ``C : ∇λ``, in the plane in 2D, in the
+    same shape.
+    """
+    stress_change = -np.einsum("kbpq,kapq->bapq", adjoint, stress)
+    stress_change -= np.einsum("kbpq,kapq->bapq", displacement, adjoint_stress)
+    energy = np.einsum("kapq,kapq->pq", adjoint, stress)
+    for k in range(len(stress_change)):
+        stress_change[k, k] += energy
+    return np.asarray(stress_change, np.float64)
+
+
+class AreaVectors:
+    """Outward area vectors at the quadrature points of a surface, and their adjoint.
+
+    ``corners (facets, c)``: nodes of each facet.
+    ``phi (c, q)``: shape functions at the points.
+    ``vectors (d, facets, q)``: outward normal times the area of the facet over that of the
+    reference facet [m²], in 2D the length.
+    ``weights (q,)``: weights of the points on the reference facet.
+    """
+
+    def __init__(self, body: Body, surface: str) -> None:
+        kind = body.kind.facet
+        self._count = len(body.points)
+        self.corners = facet_nodes(body.mesh, body.facets(surface))
+        self.phi, self._slopes, self.weights = kind.reference
+        # (b, a, facets, q).
+        self._tangents = jacobian(body.points[self.corners], self._slopes).transpose(
+            1, 2, 3, 0
+        )
+        vectors = _normal(self._tangents)
+        outward = np.asarray(body.surface(surface).normals)
+        self._sign = np.sign(np.einsum("dpq,dpq->pq", vectors, outward))
+        self.vectors = self._sign * vectors
+
+    def at_points(self, nodal: Floats) -> Floats:
+        """Values ``(d, facets, q)`` at the points, from those of the nodes ``(nodes, d)``."""
+        return np.asarray(np.einsum("pcd,cq->dpq", nodal[self.corners], self.phi))
+
+    def adjoint(self, cotangent: Floats) -> Floats:
+        """Derivative with respect to the nodes, ``(nodes, d)``.
+
+        ``cotangent``: derivative with respect to `vectors`, ``(d, facets, q)``.
+        """
+        signed = self._sign * cotangent
+        if len(signed) == 2:
+            along = np.stack([-signed[1], signed[0]])[None]
+        else:
+            s, t = self._tangents
+            along = np.stack(
+                [np.cross(t, signed, axis=0), np.cross(signed, s, axis=0)], axis=0
+            )
+        parts = np.einsum("qbi,bapq->pia", self._slopes, along)
+        by_corner = np.zeros((self._count, len(signed)))
+        np.add.at(by_corner, self.corners.ravel(), parts.reshape(-1, len(signed)))
+        return by_corner
+
+
+def _normal(tangents: Floats) -> Floats:
+    """Area vectors ``(d, facets, q)`` of tangents ``(b, a, facets, q)``."""
+    if len(tangents) == 1:
+        return np.stack([tangents[0, 1], -tangents[0, 0]])
+    return np.asarray(np.cross(tangents[0], tangents[1], axis=0))
 
 
 @dataclass(frozen=True)

@@ -33,11 +33,12 @@ from bipot_rs.fem.bodies.stress_recovery import (
     slopes_at_points,
 )
 from bipot_rs.fem.gradients.contact_derivative import (
+    AreaVectors,
     Meets,
     of_matching,
     refuse_moving_nodes,
+    stress_of_motion,
 )
-from bipot_rs.fem.gradients.shape_derivative import AreaVectors, stress_of_motion
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.derivatives import Gradient

@@ -1,4 +1,4 @@
-"""Derivatives of the iterative engine, by Krylov solves in the displacements."""
+"""Derivatives of the iterative engine, by Krylov solves in the response."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs.contact.path.iterative import Iterative
-from bipot_rs.contact.sensitivity import displacements
+from bipot_rs.contact.sensitivity import response
 from support.body_models import floating, on_a_ball, on_springs
 from support.models_and_arrays import arguments
 from support.pressed_in_space import pressed
@@ -173,9 +173,9 @@ def test_a_solver_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
     bar = np.ones_like(ours.reaction)
 
     def stalled(*_: Any, **__: Any) -> None:
-        raise displacements.Stalled
+        raise response.Stalled
 
-    monkeypatch.setattr(displacements.KrylovSystem, "solve_transposed", stalled)
+    monkeypatch.setattr(response.KrylovSystem, "solve_transposed", stalled)
 
     def full(_engine: Iterative) -> None:
         raise MemoryError("the factor does not fit")

@@ -1,14 +1,17 @@
-"""A repr that gives the shapes of arrays, so that an object with many fits a screen."""
+"""Records of arrays: a repr that fits a screen, and copies."""
 
 from __future__ import annotations
 
+from collections.abc import Container
+from copy import deepcopy
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+
 
 # Arrays up to this size are shown with their numbers.
 _FEW = 6
@@ -57,3 +60,23 @@ def _short(value: object) -> str:
 
 def _fits(text: str) -> bool:
     return len(text) <= _WIDE and "\n" not in text
+
+
+T = TypeVar("T")
+
+
+def copy_sharing(original: T) -> T:
+    """A shallow copy with all attributes, also those that a pickle leaves out."""
+    twin = object.__new__(type(original))
+    twin.__dict__.update(original.__dict__)
+    return twin
+
+
+def deepcopy_sharing(original: T, memo: dict[int, Any], shared: Container[str]) -> T:
+    """A deep copy which has the attributes ``shared`` themselves, not copies of them."""
+    twin = copy_sharing(original)
+    memo[id(original)] = twin
+    for name, value in original.__dict__.items():
+        if name not in shared:
+            twin.__dict__[name] = deepcopy(value, memo)
+    return twin

@@ -1,11 +1,12 @@
-"""Rigid motions of points, in the basis of the core."""
+"""Rigid motions of points, and diagonal matrices."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import CsrMatrix, Floats
 
 
 def rigid_motions(arm: Floats, reach: float = 1.0) -> Floats:
@@ -19,3 +20,9 @@ def rigid_motions(arm: Floats, reach: float = 1.0) -> Floats:
     at[:, :d] = np.repeat(arm, d, axis=0)
     direction = np.tile(np.arange(d, dtype=np.int64), n)
     return _core.rigid_motions(direction, at, d, reach).reshape(n, d, 3 * (d - 1))
+
+
+def diagonal_matrix(values: Floats) -> CsrMatrix:
+    """CSR array with ``values (n,)`` on its diagonal; SciPy has `diags_array` since 1.11."""
+    diagonal: CsrMatrix = sparse.csr_array(sparse.diags(values))
+    return diagonal

@@ -1,1 +1,0 @@
-"""Summaries of files: results, files for ParaView, scenes and meshes."""
