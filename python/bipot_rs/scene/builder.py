@@ -421,6 +421,7 @@ class Model:
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
         progress: bool = False,
+        mu: float | Sequence[float] | str | None = None,
         maxiter: int | None = None,
     ) -> ModelResult:
         """Solve the whole path; bitwise the same result as `bipot run`.
@@ -439,6 +440,9 @@ class Model:
             Called as ``on_step(k, step)`` after each step.
         progress
             As in `ContactProblem.solve`.
+        mu
+            Friction of all contacts in place of their own, as a key of `contact`; of one
+            contact by its name: ``m.with_(**{"contact.faying.mu": 0.1}).solve()``.
 
         Raises
         ------
@@ -449,7 +453,8 @@ class Model:
         NoEquilibriumError, FloatingBodyError, NotConvergedError
             As `ContactProblem.solve`, with a `ModelResult` as ``.result``.
         """
-        case = self.assemble()
+        model = self if mu is None else self.with_(**{"contact.*.mu": mu})
+        case = model.assemble()
         first = 0
         if isinstance(start, Result):
             first = start.first_step + len(start)

@@ -242,6 +242,15 @@ def test_changes_equal_those_of_the_command_line() -> None:
         m.with_(**{"contact.1.mu": 0.5})
 
 
+def test_friction_of_a_solve_is_that_of_the_changed_model() -> None:
+    m = bp.Model.from_toml("two_blocks").with_(**{"mesh.n": 4})
+    solved, changed = m.solve(mu=0.5), m.with_(**{"contact.0.mu": 0.5}).solve()
+    assert np.array_equal(solved.reaction, changed.reaction)
+    assert (solved.contacts["mu"] == 0.5).all()
+    with pytest.raises(ValueError, match=r"contact\.0\.mu"):
+        m.solve(mu=-1.0)
+
+
 SIZES = st.floats(1e-3, 1e6)
 NAMES = st.text(
     st.characters(exclude_categories=["Cs"], exclude_characters=".\n"), min_size=1

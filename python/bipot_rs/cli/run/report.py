@@ -37,10 +37,12 @@ _FORMS = {
     "normal_force": "{:.5g}",
     "tangential_force": "{:.5g}",
     "friction_used": "{:.4f}",
-    **dict.fromkeys((*COMPONENTS, *BOLTS), "{:.5g}"),
+    **dict.fromkeys((*COMPONENTS, *BOLTS, *MOMENTS, TORQUE), "{:.5g}"),
 }
-# Columns that no terminal shows.
+# Columns that the table of load steps leaves out.
 _IN_FILES = (*MOMENTS, TORQUE)
+# Most surfaces, and most bolts, with columns in the table of load steps.
+_MOST_NAMES = 2
 # Columns that a narrow terminal drops, in this order.
 _LEAST = ("seconds", "iterations", "load")
 # Rounding of a sum of forces that cancel, relative to these forces.
@@ -86,14 +88,31 @@ def format_steps(
 ) -> str:
     """The table of load steps, without the columns that the width has no place for.
 
+    Of more than two surfaces or bolts, tables below it have a row for each, at the end.
+
     ``rows``: rows of `contact.tables.row` with those of `forces` and the columns ``more``.
     ``unit``: unit of force.
     ``more``: further columns.
     ``width``: largest number of characters of a line; None: no limit.
     """
-    names = [
-        name for name in list_columns(rows, more) if not name.startswith(_IN_FILES)
+    every = list_columns(rows, more)
+    kinds: dict[str, list[str]] = {}
+    for column in every:
+        kind, of, name = column.partition(" of ")
+        if of:
+            kinds.setdefault(name, []).append(kind)
+    # Names with the same columns, such as all flat surfaces.
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for name, found in kinds.items():
+        alike.setdefault(tuple(found), []).append(name)
+    bolts = [name for name, found in kinds.items() if found[0] in BOLTS]
+    below = [
+        own
+        for own in alike
+        if len(bolts if own[0] in BOLTS else kinds.keys() - bolts) > _MOST_NAMES
     ]
+    last = {f"{kind} of {name}" for own in below for kind in own for name in alike[own]}
+    names = [c for c in every if c not in last and not c.startswith(_IN_FILES)]
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # For people, steps count from 1; in files and --json from 0.
     shown: list[Record | None] = [
@@ -116,6 +135,14 @@ def format_steps(
     text = format_table(_heads(names, shown, unit), _cells(names, shown), title=title)
     if len(shown) < len(rows):
         text += f"\nall {len(rows)} load steps are in steps.csv"
+    for own in below:
+        curved = COMPONENTS[0] in own
+        heads = ["at the end", *(_head(kind, unit, curved=curved) for kind in own)]
+        cells = [
+            [name, *(_cell(rows[-1], f"{kind} of {name}") for kind in own)]
+            for name in alike[own]
+        ]
+        text += format_table(heads, cells)
     return text
 
 
@@ -151,6 +178,7 @@ def _head(kind: str, unit: str, *, curved: bool) -> str:
         "tangential_force": f"Ft{force}",
         "friction_used": "Ft/(μFn)",
         "bolt_force": f"tension{force}",
+        **{name: f"M{name[-1]}" for name in MOMENTS},
     }
     if curved:
         heads |= {

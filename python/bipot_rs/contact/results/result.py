@@ -174,11 +174,15 @@ class Result(Sequence[Step]):
             f"{self.message})"
         )
 
+    def _summarise(self) -> summary.Summary:
+        last = tables.describe_surfaces(self[-1], self.contacts) if len(self) else ()
+        return summary.summarise_result(self, last)
+
     def __str__(self) -> str:
-        return summary.format_text(summary.summarise_result(self))
+        return summary.format_text(self._summarise())
 
     def _repr_html_(self) -> str:
-        return summary.format_html(summary.summarise_result(self))
+        return summary.format_html(self._summarise())
 
     def _stack(
         self, name: str, empty: tuple[int, ...], dtype: type = np.float64

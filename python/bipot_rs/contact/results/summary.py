@@ -302,8 +302,8 @@ def _describe_sliding(result: _Path) -> str:
     return text if ratio > 1 else ""
 
 
-def summarise_result(result: _Path) -> Summary:
-    """Summary of a `Result`."""
+def summarise_result(result: _Path, surfaces: Sequence[Row] = ()) -> Summary:
+    """Summary of a `Result`; ``surfaces``: rows in place of the sum of all forces."""
     title = f"Result: {result.message}"
     times = ", ".join(f"{k} {format_seconds(v)}" for k, v in result.seconds.items())
     if not len(result):
@@ -321,9 +321,10 @@ def summarise_result(result: _Path) -> Summary:
     digits: list[Row] = []
     if result.stiffness_rtol is not None:
         digits = [("stiffness", f"relative error {result.stiffness_rtol:g}")]
+    forces = [("forces", f"at the end {describe_forces(last.reaction, frame)}")]
     return title, [
         ("contacts", met),
-        ("forces", f"at the end {describe_forces(last.reaction, frame)}"),
+        *(surfaces or forces),
         ("path", f"friction dissipated {lost:.5g} in total{_describe_sliding(result)}"),
         ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
         (

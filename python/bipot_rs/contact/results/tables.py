@@ -15,6 +15,7 @@ from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.resultants import list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.summary import describe_statuses
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.contact_data import ContactArrays
@@ -33,6 +34,8 @@ MOMENTS = ("moment_x", "moment_y", "moment_z")
 TORQUE = "torque"
 # Columns of each bolt.
 BOLTS = ("bolt_force", "shortening")
+# Most rows of surfaces and bolts in a summary, which has at most 20 lines.
+_MOST_SURFACES = 11
 
 
 def make_row(k: int, parameter: float | None, step: Step) -> dict[str, float | None]:
@@ -142,12 +145,13 @@ def list_steps(
         columns = make_row(k, load, step) | (
             measure_wear(step, area) if area is not None else {}
         )
-        rows.append(columns | _list_forces(step, contacts))
+        rows.append(columns | list_forces(step, contacts))
     names = list_columns(rows, [name for name in WEAR if rows and name in rows[0]])
     return {name: [row.get(name) for row in rows] for name in names}
 
 
-def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
+def list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
+    """`list_surface_forces` of all surfaces, and `list_bolts`; no forces without frames."""
     frame, mu = contacts.get("frame"), contacts.get("mu")
     named = contacts.get("bolt_names")
     bolts = {} if named is None else list_bolts(step, list(named))
@@ -165,6 +169,29 @@ def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | N
     name = ["contacts"]
     whole = list_surface_forces(step, frame, mu, group, name, cohesion, *places)
     return {key.removesuffix(" of contacts"): value for key, value in whole.items()}
+
+
+def describe_surfaces(step: Step, contacts: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """A row for each of several contact surfaces, and for each bolt, for a summary."""
+    names = contacts.get("surface_names")
+    if names is None or len(names) < 2 or contacts.get("frame") is None:
+        return []
+    values, rows = list_forces(step, contacts), [("by surface", "forces at the end")]
+    for k, name in enumerate(names):
+        normal, friction, used = (values[f"{kind} of {name}"] or 0 for kind in FORCES)
+        forces = f"normal {normal:<10.5g} friction {friction:<10.5g}"
+        status = describe_statuses(step.status[contacts["surface"] == k])
+        rows.append((str(name), f"{forces} ({used:4.0%} of its limit)  {status}"))
+    rows += [
+        (key.removeprefix(f"{BOLTS[0]} of "), f"tension {force:.5g}")
+        for key, force in values.items()
+        if key.startswith(BOLTS[0])
+    ]
+    if len(rows) > _MOST_SURFACES:
+        rows[_MOST_SURFACES:] = [
+            ("...", f"{len(rows) - _MOST_SURFACES} more: .table()")
+        ]
+    return rows
 
 
 def list_contacts(

@@ -236,6 +236,24 @@ def test_several_surfaces_are_named() -> None:
     assert "block.side0" not in "\n".join(printed(path(1), 200))
 
 
+def test_many_surfaces_have_a_row_each_below_the_table() -> None:
+    rows = path(2, surfaces=3)
+    rows[-1] |= {
+        "torque of block.side2": 7.25,
+        "bolt_force of a": 3.5,
+        "shortening of a": 0.5,
+    }
+    rows[0] |= dict.fromkeys(rows[-1].keys() - rows[0].keys(), 0.0)
+    lines = printed(rows, 200)
+    head = lines[2].split()
+    assert "tension" in head
+    assert "Fn" not in head
+    below = "\n".join(lines).partition("at the end")[2].splitlines()
+    rest = {line.split()[0]: line.split()[1:] for line in below if "block" in line}
+    assert rest["block.side0"] == rest["block.side1"] == ["1234.5", "0", "-"]
+    assert rest["block.side2"] == ["1234.5", "0", "-", "7.25"]
+
+
 def test_the_sentence_at_the_end() -> None:
     rows = path(2)
     told = closing(rows, 1e-12, "out/a")

@@ -52,6 +52,31 @@ def test_a_result_in_six_lines() -> None:
     assert "no contact closes" not in told
 
 
+@pytest.mark.parametrize("surfaces", [1, 2, 30])
+def test_a_result_has_a_row_for_each_surface(surfaces: int) -> None:
+    n = 2 * surfaces
+    eye = np.eye(2 * n)
+    problem = bp.ContactProblem(
+        eye, eye, gap=np.zeros(n), mu=0.5, frame=np.tile(np.eye(2), (n, 1, 1))
+    )
+    result = problem.solve(np.tile(PULL, surfaces))
+    result.contacts = {
+        **result.contacts,
+        "surface": np.arange(n) // 2,
+        "surface_names": np.array([f"side{k}" for k in range(surfaces)]),
+    }
+    row_of = rows(str(result))
+    assert len(str(result).splitlines()) <= 20
+    assert ("forces" in row_of) == (surfaces == 1)
+    if surfaces > 1:
+        # As above: pressed by 2, dragged to the limit.
+        told = re.sub(r" +", " ", row_of["side1"])
+        assert told == (
+            "normal 2 friction 1 (100% of its limit) 1 open, 1 slip, 0 stick"
+        )
+    assert ("..." in row_of) == (surfaces > 10)
+
+
 def test_a_step_shows_what_was_computed() -> None:
     step = two().solve(PULL)[0]
     assert str(step).startswith("Step: converged in ")
