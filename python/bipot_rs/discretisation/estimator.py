@@ -210,7 +210,11 @@ class Estimator:
                 "the model has a floating obstacle, a rigid set, a cyclic symmetry, a bolt or a "
                 "periodicity: the discretisation error does not support them"
             )
-        named = [set(body.mesh.boundaries or {}) for body in model.bodies]
+        named = [
+            {name for name, own in (mesh.boundaries or {}).items() if border[own].all()}
+            for mesh in (body.mesh for body in model.bodies)
+            for border in [np.asarray(mesh.f2t)[1] < 0]
+        ]
         owners = [body.name for body in model.bodies]
         for support in model.supports:
             surfaces = named[owners.index(support.body)]

@@ -10,8 +10,9 @@ Names of volumes (``mesh.subdomains``) and surfaces (``mesh.boundaries``) come f
 - ``.vtu``: integer cell data, with names such as ``tag 3`` for the value 3 of ``tag``.
   Select surfaces by `bipot_rs.fem.surface`.
 
-Cells of one dimension less (lines, triangles, quadrilaterals) define surfaces if they are
-boundary facets. Surfaces inside a body have no outward normal and are left out.
+Cells of one dimension less (lines, triangles, quadrilaterals) define surfaces. Of a surface
+that is partly inside the body only the boundary facets are kept; one that is whole inside it,
+which has no outward normal, can be the section of a bolt.
 """
 
 from __future__ import annotations
@@ -467,19 +468,20 @@ def _plane(path: Path, points: Floats, cells: Ints) -> Floats:
 def _surfaces(
     file: Content, mesh: ElementMesh, node: Ints, top: int, index: Ints
 ) -> dict[str, Ints]:
-    """Boundary facets by name."""
+    """Facets by name: those of the boundary, or all if none is on the boundary."""
     border = np.asarray(mesh.boundary_facets(), dtype=np.int64)
-    corners = np.asarray(mesh.facets, dtype=np.int64)[:, border].T
+    corners = np.asarray(mesh.facets, dtype=np.int64).T
     width = corners.shape[1]
-    key = {
-        tuple(row): f
-        for row, f in zip(np.sort(corners).tolist(), border.tolist(), strict=True)
-    }
 
     def of_faces(faces: Ints) -> Ints:
-        """Boundary facets among faces given by corners in the file."""
-        rows = np.sort(node[faces[:, :width]]).tolist()
-        numbers = {key[tuple(row)] for row in rows if tuple(row) in key}
+        """Facets among faces given by corners in the file."""
+        rows = np.sort(node[faces[:, :width]])
+        near = np.zeros(mesh.p.shape[1], dtype=np.bool_)
+        near[rows[rows >= 0]] = True
+        some = np.flatnonzero(near[corners].all(axis=1))
+        sides = map(tuple, np.sort(corners[some]).tolist())
+        key = dict(zip(sides, some.tolist(), strict=True))
+        numbers = {key[row] for row in map(tuple, rows.tolist()) if row in key}
         return np.array(sorted(numbers), dtype=np.int64)
 
     facets_of: dict[str, list[Ints]] = {}
@@ -498,13 +500,17 @@ def _surfaces(
         rows = [face for face in faces if len(face) == width]
         if rows:
             facets_of[name].append(of_faces(np.array(rows, dtype=np.int64)))
-    cell_of = np.asarray(mesh.f2t)[0, border]
+    cell_of, beyond = np.asarray(mesh.f2t)
+    cell_of = cell_of[border]
     for name, parts in file.free.items():
         facets_of[name].append(border[np.isin(cell_of, index[_global(file, parts)])])
     whole = {
         name: np.unique(np.concatenate([np.zeros(0, np.int64), *f]))
         for name, f in facets_of.items()
     }
+    outer = {name: facets[beyond[facets] < 0] for name, facets in whole.items()}
     return {
-        name: facets.astype(np.int64) for name, facets in whole.items() if facets.size
+        name: (outer[name] if outer[name].size else facets).astype(np.int64)
+        for name, facets in whole.items()
+        if facets.size
     }

@@ -296,7 +296,7 @@ def _mean_displacement(path: Result, surface: str, model: object) -> Floats:
     """Mean displacement of the nodes of ``"body.surface"``, ``(steps, d)``."""
     bodies = drawn_model(path if model is None else model)[0].numbered
     body, _, name = surface.partition(".")
-    nodes = np.unique(bodies[body].body.surface(name).corners)
+    nodes = bodies[body].body.nodes(name)
     return np.asarray(path.displacement[:, bodies[body].dofs[nodes]].mean(axis=1))
 
 

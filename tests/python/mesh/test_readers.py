@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import skfem
 
+import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.files.series import write_grid
@@ -55,7 +56,10 @@ def test_box(name: str) -> None:
         normals = np.moveaxis(np.asarray(surface.normals), 0, -1)
         np.testing.assert_allclose(normals - sign * up, 0.0, atol=1e-13)
     # Between the volumes there is no outward normal.
-    assert "middle" not in mesh.boundaries
+    with pytest.raises(ValueError, match="surface 'middle' lies inside body 'it'"):
+        body.surface("middle")
+    inner = fem.surface(mesh, {0: (1.0, 1.0)}, inside=True)
+    np.testing.assert_array_equal(mesh.boundaries["middle"], inner)
     np.testing.assert_array_equal(np.unique(body.cells), np.arange(len(body.points)))
 
 
@@ -154,6 +158,26 @@ def test_groups_of_gmsh(form: str, bare: str) -> None:
         np.testing.assert_allclose(centre, middle, rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("name", ["quad8.msh", "tetra.msh", "hexahedron27.msh"])
+def test_a_surface_of_a_file_is_the_section_of_a_bolt(name: str) -> None:
+    d, forces = 2 if "quad" in name else 3, []
+    for section, own in ("it.middle", {}), ("it.cut", {"cut": {"x": [1, 1]}}):
+        m = bp.Model("bar")
+        m.material("steel", young=2.1e5, poisson=0.3)
+        ends = {"left": {"x": [0, 0]}, "right": {"x": [2, 2]}, **own}
+        surface = {key: {"within": within} for key, within in ends.items()}
+        mesh = str(DATA / name)
+        m.body("it", material="steel", mesh=mesh, surface=surface)
+        m.support("it.left", **dict.fromkeys("xyz"[:d], 0))
+        wall = {"point": [2, 0, 0][:d], "normal": [1, 0, 0][:d]}
+        m.contact("it.right", plane=wall, mu=0.3)
+        m.bolt(section, force=40.0, step=[1, 1])
+        m.path(steps=1)
+        forces.append(m.solve().reaction)
+    assert abs(forces[0]).max() > 0
+    np.testing.assert_array_equal(*forces)
+
+
 def test_damaged_groups_of_gmsh(tmp_path: Path) -> None:
     text = (DATA / "groups41.msh").read_text()
     path = tmp_path / "it.msh"
@@ -241,6 +265,11 @@ high, S3
 8, S2
 *SURFACE, NAME=around
 Both
+*SURFACE, NAME=between
+7, S3
+*SURFACE, NAME=mixed
+7, S3
+8, S3
 *SURFACE, NAME=ground, TYPE=NODE
 FLOOR
 *STEP
@@ -264,14 +293,17 @@ def test_inp_by_hand(tmp_path: Path) -> None:
     assert middles == {
         "ALL": sorted([[0.5, 0], [1, 0.5], [0, 0.5], [1, 1.5], [0, 1.5], [0.5, 2]]),
         "around": sorted([[0.5, 0], [1, 0.5], [0, 0.5], [1, 1.5], [0, 1.5], [0.5, 2]]),
+        "between": [[0.5, 1.0]],
         "floor": [[0.5, 0.0]],
         "ground": [[0.5, 0.0]],
+        "mixed": [[0.5, 2.0]],
         "roof": [[0.5, 2.0]],
         "SIDE": [[1.0, 0.5], [1.0, 1.5]],
     }
     high = fem.read_mesh(path, "High")
     assert high.p.shape == (2, 4)
-    assert set(high.boundaries) == {"ALL", "around", "roof", "SIDE"}
+    outer = {"ALL", "around", "roof", "SIDE"}
+    assert set(high.boundaries) == outer | {"between", "mixed"}
 
 
 FACES = {
@@ -321,19 +353,19 @@ def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
         ("3, 1., 1.", "2, 1., 1.", "line 7: defines node 2 a second time"),
         ("LOW, high", "LOW, hi", "line 23: uses a set 'hi' that is not defined"),
         ("7, S2", "7, S5", "line 27: has face S5 of a quad, expected S1 to S4"),
-        ("*STEP", "*INCLUDE, INPUT=x", "line 33: includes 'x', which does not exist"),
+        ("*STEP", "*INCLUDE, INPUT=x", "line 38: includes 'x', which does not exist"),
         (
             "*STEP",
             "*NGEN\n1, 3, 1",
-            "line 33: has \\*NGEN, which creates or moves nodes",
+            "line 38: has \\*NGEN, which creates or moves nodes",
         ),
         (
             "*STEP",
             "*SYSTEM\n1., 0., 0.",
-            "line 33: has \\*SYSTEM, which creates or moves",
+            "line 38: has \\*SYSTEM, which creates or moves",
         ),
-        ("*STEP", "*NODE, INPUT=x", "line 33: reads another file"),
-        ("*STEP", "*PART, NAME=a\n*PART, NAME=b", "line 34: has a second part"),
+        ("*STEP", "*NODE, INPUT=x", "line 38: reads another file"),
+        ("*STEP", "*PART, NAME=a\n*PART, NAME=b", "line 39: has a second part"),
         ("CPE4", "S4", "has shells but no solids"),
         (
             "3, 1., 1.",

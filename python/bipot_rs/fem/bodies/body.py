@@ -235,9 +235,14 @@ class Body:
             )
         return np.asarray(groups[name], dtype=np.int64)
 
-    def surface(self, name: str) -> Quadrature:
-        """Quadrature on the facets of a named surface."""
+    def surface(self, name: str, *, inside: bool = False) -> Quadrature:
+        """Quadrature on the facets of a named surface; without ``inside`` of the boundary."""
         facets = self.facets(name)
+        if not inside and (np.asarray(self.mesh.f2t)[1, facets] >= 0).any():
+            raise ValueError(
+                f"surface {name!r} lies inside body {self.name!r}, as the section of a bolt "
+                "does: name one on the boundary"
+            )
         corners = facet_nodes(self.mesh, facets)
         x = self.points[corners]
         phi, slopes, weights = self.kind.facet.reference

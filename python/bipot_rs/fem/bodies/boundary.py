@@ -172,7 +172,7 @@ def surface(
         if not 0 < number("angle", angle) < 180:
             raise ValueError(f"angle is {angle}, expected degrees between 0 and 180")
         body = Body("it", mesh.with_boundaries({"it": facets}), _ANY)
-        points = body.surface("it")
+        points = body.surface("it", inside=inside)
         mean = np.einsum("dpq,pq->dp", np.asarray(points.normals), points.weights)
         cosine = direction @ mean / (length * np.linalg.norm(mean, axis=0))
         # Facets at exactly this angle belong, whatever the rounding.

@@ -128,7 +128,7 @@ def _find_section(body: Body, bolt: Bolt) -> tuple[Ints, Ints, Floats]:
             at = place(mesh.p[:, mesh.facets[:, outer[0]]].mean(axis=1))
             why = f"is on the boundary of the body at {at}: choose one across the shank"
             raise _refuse(bolt, why)
-        points = body.surface(bolt.section)
+        points = body.surface(bolt.section, inside=True)
         areas = np.einsum("dpq,pq->pd", np.asarray(points.normals), points.weights)
         # The side of a facet that its normal points to depends on the numbers of the cells.
         axis = (np.sign(areas @ areas[0])[:, None] * areas).sum(axis=0)
