@@ -60,7 +60,9 @@ def _call(arguments: Sequence[str], interrupts: Interrupts) -> int:
     except KeyboardInterrupt:
         pass
     except MISTAKES as error:
-        return _report(arguments, interrupts, *outcome(error))
+        # Libraries turn an interrupt into errors of their own.
+        if interrupts.came is None:
+            return _report(arguments, interrupts, *outcome(error))
     except Exception as error:
         from bipot_rs.contact.errors import BipotError
 

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fclib
-from bipot_rs.cli.commands.fclib import FilesOptions, SolveFiles
+from bipot_rs.cli.commands import fclib as command
 from bipot_rs.cli.interrupts import Interrupts
 from support import children, pressed
 from support.collection import FILES, path
@@ -156,8 +157,8 @@ def test_exit_status_is_the_worst(
 
     def status(*files: str) -> int:
         # No method finishes within a nanosecond.
-        request = FilesOptions(files, "uzawa", 1e-12, max_seconds=1e-9)
-        return SolveFiles(request, as_json=True, interrupts=Interrupts()).run()
+        asked = {"files": files, "method": "uzawa", "tol": 1e-12, "max_seconds": 1e-9}
+        return command.run(Namespace(**asked, json=True), Interrupts())
 
     # The geometry is refused before the time limit is checked.
     assert status(stuck) == status(floating) == 1

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,6 @@ from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, worst
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line, tell
-from bipot_rs.cli.run.runner import Runner
 from bipot_rs.cli.text_table import format_table
 
 if TYPE_CHECKING:
@@ -52,81 +50,43 @@ def add_arguments(parser: shared.Parser) -> None:
 
 
 def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Carry out the command; returns the exit status."""
-    request = shared.read_options(FilesOptions, found)
-    return SolveFiles(request, as_json=found.json, interrupts=interrupts).run()
-
-
-@dataclass(frozen=True)
-class FilesOptions:
-    """Arguments of the command."""
-
-    files: Sequence[str]
-    method: str
-    tol: float
-    max_seconds: float | None
-
-
-class SolveFiles(Runner):
-    """One solution of many files. The exit status is the worst of all files."""
-
-    # Errors of files are outcomes of these files; `OSError` here means standard output.
-    mistakes = (ImportError, ValueError, TypeError)
-
-    def __init__(
-        self, request: FilesOptions, *, as_json: bool, interrupts: Interrupts
-    ) -> None:
-        super().__init__(as_json=as_json, interrupts=interrupts)
-        self.request = request
-        self.rows: list[Record] = []
-
-    def work(self) -> tuple[int, str]:
-        """Solve the files; each is reported as it ends."""
-        request = self.request
-        _check(request)
-        width = max(len(printable(name)) for name in request.files)
-        for name in request.files:
-            row = _solve(name, request)
-            if self.interrupts.came is not None:
+    """Solve the files, each reported as it ends; returns the worst exit status of all."""
+    _check(found)
+    rows: list[Record] = []
+    width = max(len(printable(name)) for name in found.files)
+    try:
+        for name in found.files:
+            row = _solve(name, found)
+            if interrupts.came is not None:
                 # HDF5 has swallowed the exception of the signal.
                 raise KeyboardInterrupt
-            self.rows.append(row)
-            if self.as_json:
+            rows.append(row)
+            if found.json:
                 line(**row)
             else:
-                tell(_line(row, width, request.tol), sys.stdout)
+                tell(_line(row, width, found.tol), sys.stdout)
             # With --json the row has the message.
             solved = _STATUS[row["outcome"]] == SOLVED
-            if row["outcome"] == UNREADABLE or not (self.as_json or solved):
+            if row["outcome"] == UNREADABLE or not (found.json or solved):
                 complain(_sentence(row))
-        return worst(_STATUS[row["outcome"]] for row in self.rows), ""
-
-    def show(self, _: int) -> None:
-        """Print the summary."""
-        if self.rows:
-            tell(_summary(self.rows), sys.stdout)
-
-    def end(self, code: int, message: str) -> int:
-        """Report an error of the command itself; the rows report those of files."""
-        self.interrupts.reported = True
-        if message and self.as_json:
-            line(command="fclib", ok=False, success=False, message=message)
-        complain(message)
-        return code
+    finally:
+        if rows and not found.json:
+            tell(_summary(rows), sys.stdout)
+    return worst(_STATUS[row["outcome"]] for row in rows)
 
 
-def _check(request: FilesOptions) -> None:
+def _check(found: argparse.Namespace) -> None:
     """Let the core refuse wrong settings before any file is read: one open contact."""
     from bipot_rs.contact.reduced import ReducedProblem
     from bipot_rs.fclib import require
 
     require()  # else the seconds of the first file would include imports
     ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0).solve(
-        request.method, request.tol, max_seconds=request.max_seconds
+        found.method, found.tol, max_seconds=found.max_seconds
     )
 
 
-def _solve(name: str, request: FilesOptions) -> Record:
+def _solve(name: str, found: argparse.Namespace) -> Record:
     """The row of a file."""
     from bipot_rs import fclib
     from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
@@ -144,9 +104,7 @@ def _solve(name: str, request: FilesOptions) -> Record:
             form, (contacts, dim) = "local", problem.q.shape
         row |= {"contacts": contacts, "dim": dim}
         asymmetry = _finite(problem.asymmetry)
-        answer = problem.solve(
-            request.method, request.tol, max_seconds=request.max_seconds
-        )
+        answer = problem.solve(found.method, found.tol, max_seconds=found.max_seconds)
         row |= {
             "outcome": str(answer.outcome),
             "residual": _finite(answer.residual),
