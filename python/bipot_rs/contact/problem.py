@@ -26,11 +26,10 @@ from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine
-from bipot_rs.contact.path.load_path import PathProblem, PathSolver
+from bipot_rs.contact.path.load_path import PathProblem, PathSolver, show_progress
 from bipot_rs.contact.path.load_steps import Held, Loading, last_step
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.path.prepared import PreparedStiffness, StiffnessOptions
-from bipot_rs.contact.path.progress import show_progress
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.latches import Latches

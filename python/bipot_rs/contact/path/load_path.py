@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, count_noun
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs._lib.validation import Settings
+from bipot_rs._lib.validation import Settings, logical
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.law.status import Outcome
@@ -49,6 +52,41 @@ from bipot_rs.contact.results.solution import Computed, Recovery, Step
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start
+
+
+OnStep = Callable[[int, Step], object] | None
+
+
+@contextmanager
+def show_progress(wanted: bool, total: float, on_step: OnStep) -> Iterator[OnStep]:
+    """``on_step`` with a bar, of tqdm if it is installed, up to ``total`` steps or ``s``."""
+    logical("progress", wanted)
+    if not wanted:
+        yield on_step
+        return
+    try:
+        bar = import_module("tqdm.auto").tqdm(total=total, unit="step")
+        advance = bar.update
+    except ModuleNotFoundError:
+        load_library("rich", extra="cli", need="progress bars")
+        bar = import_module("rich.progress").Progress()
+        task = bar.add_task("load steps", total=total)
+
+        def advance(more: float) -> None:
+            bar.advance(task, more)
+
+    done = 0.0
+
+    def count(k: int, step: Step) -> None:
+        nonlocal done
+        before, done = done, k + 1 if step.s is None else step.s
+        advance(done - before)
+        if on_step is not None:
+            on_step(k, step)
+
+    with bar:
+        yield count
+
 
 E = TypeVar("E", bound=BipotError)
 

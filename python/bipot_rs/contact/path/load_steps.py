@@ -20,6 +20,7 @@ from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.state import State
+from bipot_rs.contact.sensitivity.model import Inclined
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start
@@ -31,24 +32,11 @@ Gap = Floats | MovingGaps
 Totals = tuple[Floats, Floats, Gap | None]
 
 
-class Held(Protocol):
+class Held(Inclined, Protocol):
     """Inclined supports, rigid sets and cyclic symmetries, which K and B do not contain."""
-
-    @property
-    def dependent(self) -> Ints:
-        """Degrees of freedom that follow others, prescribed as zero."""
 
     def stiffness(self, K: CsrMatrix) -> MatrixLike:
         """K with these supports."""
-
-    def load(self, force: Floats) -> Floats:
-        """Forces without the reactions of these supports."""
-
-    def prescribed(self, values: Floats) -> None:
-        """Raise for displacements that these supports do not allow."""
-
-    def displacement(self, y: Floats) -> Floats:
-        """Displacements of all degrees of freedom, from the solution of (1)."""
 
     def unknowns(self, u: Floats) -> Floats:
         """The solution of (1), from the displacements of all degrees of freedom."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
-from bipot_rs._lib.memory import available
+from bipot_rs._lib.machine import available
 from bipot_rs._lib.messages import body_of, place
 from bipot_rs._lib.types import Floats, Ints, MatrixLike, Record
 from bipot_rs._lib.validation import (

@@ -41,24 +41,20 @@ class Borders:
         return bordering
 
 
-@dataclass(frozen=True)
-class Terms:
-    """Sizes of the terms whose sum is ``v``, which cancel where a contact touches."""
-
-    moved: Floats  # (n_c,): of those at the contact [length]
-    # Work of the loads and of the prescribed displacements, without cancellation. A
-    # displacement `v` that it causes has `v² / w ≤ work`.
-    work: float = 0.0
-
-
 def find_borders(
-    point: Point, compliance: Floats, tolerance: float, terms: Terms
+    point: Point,
+    compliance: Floats,
+    tolerance: float,
+    moved: Floats,
+    work: float = 0.0,
 ) -> Borders:
     """The contacts that are on a border up to the tolerance of the step.
 
     ``compliance``: mean of the diagonal of each block of W, ``(n_c,)``; zero if not known.
     ``tolerance``: relative tolerance of η, which the step met.
-    ``terms``: what cancels in the relative displacement.
+    ``moved``: sizes of the terms whose sum is ``v``, ``(n_c,)``; they cancel in a touching one.
+    ``work``: that of loads and prescribed displacements, without cancellation. A displacement
+    ``v`` that it causes has ``v² / w ≤ work``.
     """
     movable = compliance > 0
     root = np.sqrt(np.where(movable, compliance, 1.0))
@@ -66,13 +62,13 @@ def find_borders(
     r = point.reaction * root[:, None]
     opening = np.abs(point.opening) / root
     slip = np.linalg.norm(point.slip, axis=1) / root
-    moved = terms.moved / root
+    moved = moved / root
     # Contacts far away from each other say nothing about those that meet.
     meets = movable & ((r[:, 0] > 0) | (opening <= _TOLERANCES * tolerance * moved))
     size = max(
         float(np.linalg.norm(r)),
         float(moved[meets].max(initial=0.0)),
-        float(np.sqrt(terms.work)),
+        float(np.sqrt(work)),
     )
     near = _TOLERANCES * tolerance * size
     rough = point.friction[:, 0] > 0

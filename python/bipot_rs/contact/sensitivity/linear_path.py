@@ -14,7 +14,7 @@ from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.sensitivity.laws import Point
-from bipot_rs.contact.sensitivity.linear import LinearisedStep, Terms, find_borders
+from bipot_rs.contact.sensitivity.linear import LinearisedStep, find_borders
 from bipot_rs.contact.sensitivity.model import PathModel, spread_friction
 from bipot_rs.contact.sensitivity.response import (
     CondensedResponse,
@@ -126,9 +126,7 @@ class LinearPath:
                 steps[first:end], self.list_fixed(first)
             )
         self.borders = [
-            find_borders(
-                point, own.diagonal.mean(axis=1), step.tolerance, Terms(moved, done)
-            )
+            find_borders(point, own.diagonal.mean(axis=1), step.tolerance, moved, done)
             for point, own, step, moved, done in zip(
                 self.points, self.responses, steps, self._moved, work, strict=True
             )

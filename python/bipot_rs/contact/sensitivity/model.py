@@ -22,13 +22,13 @@ class Inclined(Protocol):
 
     @property
     def dependent(self) -> Ints:
-        """Degrees of freedom that follow others."""
+        """Degrees of freedom that follow others, prescribed as zero."""
 
     def load(self, force: Floats) -> Floats:
         """Forces without the reactions of these supports."""
 
     def displacement(self, y: Floats) -> Floats:
-        """Displacements of all degrees of freedom, from the unknowns."""
+        """Displacements of all degrees of freedom, from the unknowns, the solution of (1)."""
 
     def prescribed(self, values: Floats) -> None:
         """Raise for displacements that these supports do not allow."""

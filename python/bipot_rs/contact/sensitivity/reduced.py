@@ -18,7 +18,6 @@ from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import (
     LinearisedStep,
     StepChange,
-    Terms,
     find_borders,
 )
 from bipot_rs.contact.sensitivity.model import (
@@ -66,9 +65,9 @@ class ReducedModel:
             r, np.zeros(self.modes.shape[1]) if rigid is None else rigid
         )
         # q and W r + R a.
-        terms = Terms(np.linalg.norm(np.abs(v - moved) + np.abs(moved), axis=1))
+        size = np.linalg.norm(np.abs(v - moved) + np.abs(moved), axis=1)
         compliance = response.diagonal.mean(axis=1)
-        borders = find_borders(point, compliance, solution.tolerance, terms)
+        borders = find_borders(point, compliance, solution.tolerance, size)
         return LinearisedStep(response, point, borders)
 
     def jvp(

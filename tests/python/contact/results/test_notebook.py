@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.contact.path import progress
+from bipot_rs.contact.path import load_path
 from support.bars import bar_problem, pulled
 
 AREA, X = np.array([0.5, 2.0]), np.array([[0.0, 0.0], [1.0, 0.0]])
@@ -120,7 +120,7 @@ def test_progress_counts_steps_up_to_the_end(
             raise ModuleNotFoundError(name=name)
         return Module
 
-    monkeypatch.setattr(progress, "import_module", find)
+    monkeypatch.setattr(load_path, "import_module", find)
     problem, load = bar_problem()
     called: list[int] = []
     keywords: dict[str, Any] = {
