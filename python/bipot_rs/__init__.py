@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from bipot_rs import petsc as petsc
     from bipot_rs import scene as scene
     from bipot_rs import theory as theory
-    from bipot_rs._lib.versions import __version__ as __version__
-    from bipot_rs._lib.versions import show_versions, versions
+    from bipot_rs._lib.machine import __version__ as __version__
+    from bipot_rs._lib.machine import show_versions, versions
     from bipot_rs.contact.errors import (
         BipotError,
         FloatingBodyError,
@@ -104,7 +104,7 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "bipot_rs._lib.versions": ("__version__", "show_versions", "versions"),
+        "bipot_rs._lib.machine": ("__version__", "show_versions", "versions"),
         "bipot_rs.contact.proof.enumeration": ("Answers",),
         "bipot_rs.contact.results.error_bound": ("ErrorBound",),
         "bipot_rs.contact.errors": (

@@ -131,10 +131,7 @@ def describe() -> Parser:
 
 
 def carry_out(words: Sequence[str], interrupts: Interrupts) -> int:
-    """Read the words of a command line and carry out the command.
-
-    Raises `Ended`: a word is wrong.
-    """
+    """Read the words of a command line and carry out the command."""
     if "_ARGCOMPLETE" in os.environ:
         import argcomplete
 

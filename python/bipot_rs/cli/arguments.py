@@ -41,10 +41,7 @@ class Parser(argparse.ArgumentParser):
         )
 
     def read(self, words: list[str]) -> argparse.Namespace:
-        """Read the words of a command; options may stand anywhere.
-
-        Raises `Ended`: a word is wrong.
-        """
+        """Read the words of a command; options may stand anywhere."""
         options, unknown = self.parse_known_intermixed_args(words)
         if unknown:
             self.error(self._say_unknown(unknown[0], words))

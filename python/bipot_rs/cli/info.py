@@ -31,7 +31,6 @@ def summarise_result(path: Path) -> dict[str, object]:
     """Summarise a result file.
 
     Returns ``kind``, figures by name, and ``lines`` for a terminal.
-    Raises `OSError` or `ValueError`: there is no file, or it is not a result.
     """
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.contact.results.tables import BROKEN, make_row
@@ -135,7 +134,6 @@ def summarise_scene(name: str) -> dict[str, object]:
     """Summarise a scene: a file, or a shipped one.
 
     Returns ``kind``, figures by name, and ``lines`` for a terminal.
-    Raises `SceneError`: it cannot be read.
     """
     from bipot_rs.scene.reading import read
 
@@ -212,7 +210,6 @@ def summarise_mesh(path: Path) -> dict[str, Any]:
 
     Returns ``kind``, ``nodes``, ``cells`` by kind, ``dim``, ``volumes`` and ``surfaces`` with
     their counts, ``mistake``, and ``lines`` for a terminal.
-    Raises `OSError` or `ValueError` or `ModuleNotFoundError`: as `read_mesh`.
     """
     return _surface(path) if path.suffix.lower() in _SURFACES else _bodies(path)
 
@@ -346,8 +343,6 @@ def summarise_fields(path: Path) -> dict[str, object]:
 
     Returns ``kind``, ``points``, ``cells`` by kind, ``fields`` by name, ``load`` and ``time``
     of the step, and ``lines`` for a terminal; of a series also ``steps``, ``times``.
-    Raises `OSError` or `ValueError` or `ModuleNotFoundError`: as
-    `bipot_rs.mesh.readers.read_grid`.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")

@@ -48,10 +48,7 @@ class OutputLost(Exception):
 
 
 def tell(text: str, stream: TextIO) -> None:
-    """Write a line and flush, so that a reader behind a pipe sees it at once.
-
-    Raises `OutputLost`: the line cannot be written; the cause is the error of the system.
-    """
+    """Write a line and flush, so that a reader behind a pipe sees it at once."""
     try:
         stream.write(text + "\n")
         stream.flush()

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 import bipot_rs._core as _core
-from bipot_rs._lib.memory import available
+from bipot_rs._lib.machine import available
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
 from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.contact.path.contacts import Contacts

@@ -14,9 +14,9 @@ from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import FloatingBodyError, with_message
+from bipot_rs.contact.path.load_path import show_progress
 from bipot_rs.contact.path.load_steps import Totals, find_difference, last_step
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.contact.path.progress import show_progress
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step

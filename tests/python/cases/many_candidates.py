@@ -7,7 +7,7 @@ import numpy as np
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs._lib.memory import peak_mb
+from bipot_rs._lib.machine import peak_mb
 
 
 def main(nodes: int) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from bipot_rs._lib.memory import installed
+from bipot_rs._lib.machine import installed
 from bipot_rs.cli.study.workers import Workers
 
 

@@ -11,12 +11,12 @@ LARGE = """
 import subprocess, sys
 held = bytearray(1_500_000_000)
 held[::4096] = b"x" * len(held[::4096])
-code = "from bipot_rs._lib.memory import peak_mb; print(peak_mb())"
+code = "from bipot_rs._lib.machine import peak_mb; print(peak_mb())"
 command = [sys.executable, "-c", code]
 sys.stdout.write(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 """
 LARGER = """
-from bipot_rs._lib.memory import peak_mb
+from bipot_rs._lib.machine import peak_mb
 before = peak_mb()
 held = bytearray(300_000_000)
 held[::4096] = b"x" * len(held[::4096])

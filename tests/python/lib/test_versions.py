@@ -12,7 +12,7 @@ import scipy
 
 import bipot_rs as bp
 from bipot_rs import _core
-from bipot_rs._lib import versions
+from bipot_rs._lib import machine
 
 
 def test_versions_are_those_that_run() -> None:
@@ -35,7 +35,7 @@ def test_versions_are_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_missing_libraries_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(versions, "_OPTIONAL", ("no-such-distribution",))
+    monkeypatch.setattr(machine, "_OPTIONAL", ("no-such-distribution",))
     assert bp.versions()["no-such-distribution"] == "not installed"
 
 

@@ -396,7 +396,7 @@ def test_links_of_the_site_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     "module",
     [
-        "_lib.versions",
+        "_lib.machine",
         "contact.proof.enumeration",
         "contact.results.error_bound",
         "contact.errors",

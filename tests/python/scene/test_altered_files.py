@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import bipot_rs as bp
-from bipot_rs._lib.memory import peak_mb
+from bipot_rs._lib.machine import peak_mb
 from bipot_rs.scene import SceneError, assemble, bodies, read, shipped, text
 from support import collection
 from support.bars import bar_problem, pulled

@@ -52,8 +52,6 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     carry, or None; ``held_by_contact``, names of bodies without support and spring;
     ``remarks``, a list of messages; ``loads``, the area of each traction and pressure; and
     ``lines`` for a terminal.
-    Raises `SceneError`: all mistakes of the scene.
-    Raises `MemoryError`: the assembly does not fit into the free memory.
     """
     from bipot_rs.cli.run import cost_forecast
     from bipot_rs.fem.checks.free_bodies import list_unsupported

@@ -36,7 +36,6 @@ def summarise(name: str) -> dict[str, object]:
 
     ``name``: a file, the folder of a run, or a shipped scene.
     Returns ``kind``, figures by name, and ``lines`` for a terminal.
-    Raises `OSError` or `ValueError`: the file cannot be read, or is of another kind.
     """
     from bipot_rs.cli import info
     from bipot_rs.cli.run.output_folder import RESULT

@@ -76,9 +76,6 @@ def write(name: str, template: str) -> list[Path]:
     """Write a commented scene; returns its files, first ``name`` with ``.toml``.
 
     The mesh of a template is written next to the scene, under the same name.
-
-    Raises `ValueError`: there is no such template.
-    Raises `OSError`: a file exists already, or cannot be written.
     """
     if template not in templates():
         raise ValueError(
@@ -107,7 +104,6 @@ def write_deck(name: str, deck: Path) -> list[Path]:
     """Write the scene of a deck; returns its files, as `write`.
 
     The mesh of the scene is the deck, or a file beside the scene that includes it and adds sets.
-    Raises `OSError` as `write`, and `ValueError`: the deck cannot be read.
     """
     from bipot_rs.scene.deck import Deck
 

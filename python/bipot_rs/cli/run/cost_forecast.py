@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs._lib.memory import available
+from bipot_rs._lib.machine import available
 from bipot_rs._lib.messages import count_noun, duration, size
 from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.fem.assembly.assembly import Assembly
@@ -215,7 +215,6 @@ def fits(
     ``scene``: the sizes of its boxes are known before meshing.
     ``meshed``: its bodies, if they are meshed.
     ``share``: the part of the assembly that this machine does.
-    Raises `MemoryError`: the message has the bytes needed, and a mesh that would fit.
     """
     needed = share * (assembly(scene) if meshed is None else _entries(meshed))
     free = available()

@@ -13,7 +13,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import bipot_rs._core as _core
-from bipot_rs._lib.memory import peak_mb
+from bipot_rs._lib.machine import peak_mb
 from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts

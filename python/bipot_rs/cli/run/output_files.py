@@ -322,10 +322,7 @@ class Checkpoint:
         self.steps = 0
 
     def save(self, out: Output, *, always: bool = False) -> None:
-        """Write the load steps reached, if that does not take too much of the time.
-
-        Raises `OSError`: the file cannot be written; an earlier one is unchanged.
-        """
+        """Write the load steps reached, if that does not take too much of the time."""
         began = perf_counter()
         limit = _GRANTED + _SHARE * (began - self._began)
         if len(out.reached) == self.steps or (self._spent > limit and not always):

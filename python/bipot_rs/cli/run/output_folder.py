@@ -61,8 +61,6 @@ def draft_in(folder: Path) -> Iterator[Path]:
     """A folder inside the folder, in which files are prepared; removed at the end.
 
     It is made before the work, so that a folder that cannot be written is found then.
-
-    Raises `OSError`: the folder cannot be written.
     """
     try:
         make(folder)

@@ -61,8 +61,6 @@ def earlier(path: Path, expected: Mapping[str, object], count: int | None) -> Re
     ``path``: a result file that the command line wrote.
     ``expected``: the `stamps` of this run.
     ``count``: load steps of the whole path; None for automatic steps.
-    Raises `OSError`: the file cannot be read.
-    Raises `ValueError`: there is no file, it is damaged, or it belongs to another run.
     """
     if not path.exists():
         raise ValueError(f"cannot resume: there is no {path}")
@@ -104,8 +102,6 @@ def same_contacts(
     """Refuse a file whose contacts are not bitwise equal to those of this run.
 
     A file without load steps may have no contacts and is accepted.
-
-    Raises `ValueError`: some array differs; the usual cause is another version of a library.
     """
     if not len(found):
         return

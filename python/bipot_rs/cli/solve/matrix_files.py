@@ -96,11 +96,7 @@ class MatrixProblem:
         stiffness_rtol: float | None = None,
         engine: str = "auto",
     ) -> ContactProblem:
-        """Make the problem; with ``stiffness_rtol``, restore the rigid motions of K.
-
-        Raises `ValueError`: as `ContactProblem`; or ``stiffness_rtol`` without coordinates of
-        all nodes.
-        """
+        """Make the problem; with ``stiffness_rtol``, restore the rigid motions of K."""
         if stiffness_rtol is not None and self.coordinates is None:
             raise ValueError(
                 "--stiffness-rtol needs --nodes with the coordinates of all nodes of the "
@@ -136,9 +132,6 @@ def read(
 
     ``stiffness, contacts, nodes, load, fixed``: the files.
     ``order``: one of `dof_order.ORDERS`, for a Matrix Market file; by default ``"node"``.
-    Raises `OSError`: a file cannot be read.
-    Raises `ValueError`: a file is wrong, with the line; or the order of the degrees of freedom
-    does not fit the node list.
     """
     if order is not None and order not in dof_order.ORDERS:
         expected = " or ".join(dof_order.ORDERS)

@@ -49,11 +49,7 @@ _FIRST, _THEN = "row", "outcome"
 
 
 def read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
-    """Read the keys that were varied, and the rows.
-
-    Raises `OSError`: it cannot be read.
-    Raises `ValueError`: it is not the table of a sweep, or damaged.
-    """
+    """Read the keys that were varied, and the rows."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             table = csv.DictReader(file, strict=True)
@@ -84,8 +80,6 @@ def earlier(
     """Rows that an earlier sweep has finished, by their number in this sweep.
 
     The entry ``row`` of each is its number in the earlier sweep.
-
-    Raises `OSError` or `ValueError`: there is no table, or it cannot be read.
     """
     if not path.exists():
         raise ValueError(f"cannot resume: there is no {path}")
@@ -136,10 +130,7 @@ def write_record(folder: Path, record: StudyRecord) -> None:
 
 
 def read_record(folder: Path) -> StudyRecord:
-    """Read the record of a folder.
-
-    Raises `ValueError`: there is none, or it is damaged.
-    """
+    """Read the record of a folder."""
     path = folder / SWEEP_RECORD
     if not path.is_file():
         raise ValueError(
@@ -158,10 +149,7 @@ def read_record(folder: Path) -> StudyRecord:
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder of a study.
-
-    Raises `OSError`: it cannot be written.
-    """
+    """Make the folder of a study."""
     try:
         make(folder)
     except OSError as error:

@@ -45,7 +45,6 @@ def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
 
     ``given``: folders of parts, or folders that hold such folders.
     ``out``: folder to write; None: the one that the parts are in.
-    Raises `OSError` or `ValueError`: as `join`, or ``out`` is missing or cannot be written.
     """
     joined = join(given)
     folder = joined.home if out is None else out
@@ -75,8 +74,6 @@ def join(given: Sequence[Path]) -> JoinedStudy:
     """Read the parts of a study.
 
     ``given``: folders of parts, or folders that hold such folders.
-    Raises `OSError` or `ValueError`: a folder is not that of a part, the parts are not those of
-    one study, or a row stands in two of them; the message names folder and row.
     """
     parts = _parts(given)
     first, record = next(iter(parts.items()))

@@ -32,8 +32,6 @@ def draw(
 
     Returns ``target, said``: the file written, by default ``Y_over_X.png`` in the folder of the
     sweep, and a sentence about rows without values, or "".
-    Raises `OSError` or `ValueError`: there is no such column or no number in it, or a file
-    cannot be read or written.
     """
     from bipot_rs.files.drafts import writing
     from bipot_rs.plots.study import study

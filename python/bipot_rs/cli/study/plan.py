@@ -26,10 +26,7 @@ MOST = 100_000
 
 
 def values(setting: str) -> tuple[str, list[str]]:
-    """Split ``KEY=V1,V2,…`` into key and values, not at commas in brackets or quotes.
-
-    Raises `ValueError`: it is not of this form.
-    """
+    """Split ``KEY=V1,V2,…`` into key and values, not at commas in brackets or quotes."""
     key, equals, text = setting.partition("=")
     parts, depth, quote = [""], 0, ""
     for c in text:
@@ -56,8 +53,6 @@ def space_values(setting: str) -> tuple[str, list[str]]:
     """Split ``KEY=FROM:TO:COUNT`` into the key and COUNT equally spaced values.
 
     The values are integers if the ends are and the spacing allows it.
-
-    Raises `ValueError`: it is not of this form.
     """
     key, equals, text = setting.partition("=")
     parts = text.split(":")
@@ -95,10 +90,7 @@ def space_values(setting: str) -> tuple[str, list[str]]:
 
 
 def list_rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]:
-    """All combinations of the values; the last key changes fastest.
-
-    Raises `ValueError`: a setting of the wrong form, a key twice, or too many rows.
-    """
+    """All combinations of the values; the last key changes fastest."""
     axes = [values(s) for s in settings] + [space_values(s) for s in ranges]
     names = [key for key, _ in axes]
     for key in names:
@@ -140,10 +132,7 @@ class StudyPart:
 
 
 def part(text: str) -> StudyPart:
-    """Read ``I/N``.
-
-    Raises `ValueError`: it is not of this form, or I is not between 1 and N.
-    """
+    """Read ``I/N``."""
     match = re.fullmatch(r"\s*([0-9]{1,9})\s*/\s*([0-9]{1,9})\s*", text)
     if match is None:
         raise ValueError(
@@ -252,12 +241,7 @@ def plan(
     method: str | None,
     tol: float | None,
 ) -> Study:
-    """Read the scene of each row.
-
-    Raises `SceneError`: the scene of every row has mistakes; the error is that of the first
-    row.
-    Raises `ValueError`: ``settings`` or ``ranges`` are wrong.
-    """
+    """Read the scene of each row."""
     from bipot_rs.cli.run.cost_forecast import assembly
     from bipot_rs.scene.mistakes import SceneError
     from bipot_rs.scene.reading import read

@@ -155,10 +155,7 @@ _MEMORY = "memory"
 
 
 def _place(address: str) -> str:
-    """``HOST:PORT``, perhaps with a protocol, or the address in a scheduler file.
-
-    Raises `ValueError`: it is neither.
-    """
+    """``HOST:PORT``, perhaps with a protocol, or the address in a scheduler file."""
     place, file = address, Path(address)
     if file.is_file():
         try:
@@ -192,9 +189,6 @@ class Cluster:
 
     ``address``: address of the scheduler, or its ``--scheduler-file``.
     ``say``: called with sentences for the user.
-    Raises `ModuleNotFoundError`: dask.distributed is not installed.
-    Raises `OSError` or `ValueError`: no scheduler answers at the address, or it is not an
-    address.
     """
 
     def __init__(self, address: str, say: Callable[[str], object]) -> None:
@@ -243,7 +237,6 @@ class Cluster:
         ``function``: a function of a module that the workers can import.
         ``needs``: bytes of memory that each argument takes. None: the memory of the workers is
         not considered.
-        Raises `OSError`: the scheduler has gone.
         """
         work = _Work(function, arguments, needs)
         left = deque((yield from self._round(work, range(len(arguments)))))

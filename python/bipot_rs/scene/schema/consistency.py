@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from keyword import iskeyword
 
-from bipot_rs._lib.memory import installed
+from bipot_rs._lib.machine import installed
 from bipot_rs._lib.messages import count_noun, instead
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
