@@ -327,9 +327,9 @@ def threads(value: object) -> int:
 
 def integer(what: str, value: object, *, least: int, most: int | None = None) -> int:
     """An integer from ``least`` to ``most``."""
-    number = None
+    number = value if type(value) is int else None
     # `operator.index` takes a logical value, of NumPy with a warning before NumPy 1.25.
-    if not isinstance(value, (bool, np.bool_)):
+    if number is None and not isinstance(value, (bool, np.bool_)):
         with suppress(TypeError):
             number = operator.index(cast("SupportsIndex", value))
     if number is None:
@@ -594,6 +594,8 @@ def callback(what: str, value: object) -> None:
 
 def number(what: str, value: object) -> float:
     """A real number, or an array without dimensions, as float."""
+    if type(value) is float:
+        return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, bool) or not isinstance(value, _REAL):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +40,6 @@ from bipot_rs.contact.results.solution import Solution
 
 # Most problems are only solved: methods for anything else import what they need.
 if TYPE_CHECKING:
-    from bipot_rs.contact.messages.diagnosis import FailedSolve
     from bipot_rs.contact.proof.enumeration import Answers
     from bipot_rs.contact.proof.equilibrium import Equilibrium, LimitMultiplier
     from bipot_rs.contact.proof.existence import Existence
@@ -640,35 +639,21 @@ class ReducedProblem:
         max_seconds: float | None = None,
     ) -> Solution:
         """The solution with this problem, for what is computed on first use."""
-        from bipot_rs.contact.messages.diagnosis import FailedSolve
-        from bipot_rs.contact.proof.existence import make_dense
-
         words = ""
         if self.rigid is not None and core.free_motion is not None:
             direction = self._move_contacts(core.free_motion)
             opening = find_opening(core.outcome, self.mu)
             words = self._describe_motion(core.free_motion, direction, opening)
-        tried = FailedSolve(
-            method=method,
-            max_seconds=max_seconds,
-            law=self.law,
-            W=lambda: make_dense(self.W),
-            modes=lambda: self._dense_motions,
-            several=self._has_several,
-        )
-        return make_solution(
-            core,
-            free_motion_text=words,
-            inquiry=_ReducedInquiry(self, tried),
-        )
+        inquiry = _ReducedInquiry(self, method, max_seconds)
+        return make_solution(core, free_motion_text=words, inquiry=inquiry)
 
 
-@dataclass(frozen=True)
-class _ReducedInquiry:
-    """A reduced problem, for the properties of its solution that are computed on use."""
+class _ReducedInquiry(NamedTuple):
+    """A reduced problem and a solve, for what is computed of its solution on use."""
 
     problem: ReducedProblem
-    tried: FailedSolve
+    method: str
+    max_seconds: float | None
 
     @property
     def core(self) -> _core.Reduced:
@@ -693,9 +678,19 @@ class _ReducedInquiry:
         return read_error_bound(bound)
 
     def diagnosis(self, solution: Solution, /) -> str:
-        from bipot_rs.contact.messages.diagnosis import diagnose
+        from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
+        from bipot_rs.contact.proof.existence import make_dense
 
-        return diagnose(self.tried, solution, solution.relative_displacement)
+        problem = self.problem
+        tried = FailedSolve(
+            method=self.method,
+            max_seconds=self.max_seconds,
+            law=problem.law,
+            W=lambda: make_dense(problem.W),
+            modes=lambda: problem._dense_motions,
+            several=problem._has_several,
+        )
+        return diagnose(tried, solution, solution.relative_displacement)
 
     def derivatives(self) -> ReducedModel:
         return self.problem._model()

@@ -221,7 +221,7 @@ def write_series(
 
     ``path`` is ``DIR/NAME.pvd``, and step k is written to ``DIR/NAME_000k.vtu``; further files
     of an earlier, longer series are removed. ``points (points, d)``; ``cells`` as in
-    `vtu.write_grid`, without them each point is a vertex. Of each step, arrays ``(points,)`` and
+    `write_grid`, without them each point is a vertex. Of each step, arrays ``(points,)`` and
     ``(points, k)`` become fields, and the numbers ``load`` and ``time`` field data; all else is
     left out. The time in the index is the load if that grows from step to step, else the time,
     else the number. ``of_cells``: fields of the cells in each step. ``units``: names of the

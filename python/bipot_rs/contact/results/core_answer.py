@@ -16,7 +16,10 @@ S = TypeVar("S", bound=Step)
 
 def make_solution(core: _core.ReducedSolution, **about: Any) -> Solution:
     """A `Solution`; ``about`` are its other fields."""
-    return Solution(**_fields(core), **about)
+    # As when unpickled: the checks and calls of a frozen class take as long as a small problem.
+    solution = object.__new__(Solution)
+    solution.__dict__.update(_fields(core), computed=Computed(), **about)
+    return solution
 
 
 def make_step(core: _core.LoadStep) -> Step:
