@@ -3,46 +3,7 @@
 import os
 import subprocess
 import sys
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
-
-import pytest
-
-from bipot_rs._lib.machine import installed
-from bipot_rs.cli.study.workers import Workers
-
-
-def test_memory_that_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
-    bytes_installed = installed()
-    assert bytes_installed is not None
-    assert bytes_installed > 2**28
-    monkeypatch.setattr("sys.platform", "win32")
-    assert installed() is None
-
-
-class Pipe:
-    """A connection of another class, as `multiprocessing.Pipe` returns on Windows."""
-
-    def __init__(self, inside: Connection) -> None:
-        self.inside = inside
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.inside, name)
-
-
-def test_connections_of_another_class(monkeypatch: pytest.MonkeyPatch) -> None:
-    workers = Workers(abs, 2)
-    pipe = workers.context.Pipe
-
-    def other() -> tuple[Pipe, Connection]:
-        here, there = pipe()
-        return Pipe(here), there
-
-    monkeypatch.setattr(workers.context, "Pipe", other)
-    with workers:
-        answers = dict(workers.map([(-1,), (-2,), (-3,)]))
-    assert answers == {0: 1, 1: 2, 2: 3}
 
 
 def test_output_in_an_encoding_without_greek(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import re
 
-import pytest
 import ratios
 import tables
 import whole_job
@@ -13,37 +12,6 @@ PROSE = " ".join(PAGE.split())
 
 def test_the_table_is_that_of_the_stored_results() -> None:
     assert tables.replaced(PAGE, ratios.NAME, ratios.table()) == PAGE
-
-
-@pytest.mark.parametrize(
-    ("numbers", "cells"),
-    [
-        ([2.0, 0.5, 8.0], ["3", "0.50", "2.0", "8.0", "1"]),
-        # Exactly as fast is no case that the other program wins.
-        ([1.0, 30.0], ["2", "1.0", "16", "30", "none"]),
-        ([0.004, 1234.0, 100.0, 99.0], ["4", "0.0040", "100", "1,234", "1"]),
-    ],
-)
-def test_losses_are_counted(numbers: list[float], cells: list[str]) -> None:
-    assert list(ratios.line("what", "program", numbers)) == ["what", "program", *cells]
-
-
-def test_ratios_of_processes_are_theirs_over_ours() -> None:
-    """The first case by hand: pressed_block 32, where the other processes end first."""
-    rows = tables.read_rows(tables.RESULTS / whole_job.SHEET)
-    process = {
-        row["program"]: float(row["process"])
-        for row in rows
-        if whole_job.place(row) == ("pressed_block", 32)
-    }
-    (ratio_row,) = (
-        numbers
-        for what, program, numbers in ratios.whole_jobs()
-        if (what, program) == ("whole process, with start and imports", "Siconos")
-    )
-    expected = process["Siconos"] / process["bipot_rs"]
-    assert expected < 1
-    assert ratio_row[0] == pytest.approx(expected, rel=1e-14)  # one division
 
 
 def test_what_the_text_says_of_fclib() -> None:

@@ -8,7 +8,6 @@ import os
 import re
 import runpy
 import shutil
-import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -278,44 +277,6 @@ def test_links_resolve(page: Path) -> None:
     assert broken_links(page) == []
 
 
-def test_broken_links_are_seen(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        "# A head: one\n[a](#a-head-one) [b](#two) [c](gone.md) [d](page.md)\n"
-        '`[e](gone.md)`\n<img width=3 src="gone.png"> [f](https://example.org)\n'
-    )
-    assert broken_links(page) == ["#two", "gone.md", "gone.png"]
-
-
-@pytest.mark.parametrize(
-    ("printed", "shown", "expected"),
-    [
-        ("a  1.2501\n", "a 1.25", True),
-        ("a 1.28", "a 1.25", False),
-        ("b 1.25", "a 1.25", False),
-        ("3 steps", "3 steps", True),
-        ("4 steps", "3 steps", False),
-        ("1.3e-13 left", "... left", True),
-        ("....~##.. 2", "....~##.. 2", True),
-        ("...~~##.. 2", "....~##.. 2", False),
-        ("1.25 and more", "1.25", False),
-        ("[-0.3 2e-05]", "[-0.3 2e-05]", True),
-        ("[ 0.3 2e-05]", "[-0.3 2e-05]", False),
-    ],
-)
-def test_what_is_shown_is_compared(printed: str, shown: str, expected: bool) -> None:
-    assert same(printed, shown) is expected
-
-
-def test_a_wrong_output_is_seen(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("```python\nprint(1 / 3)\n```\n\n```text\n0.34\n```\n")
-    assert run(page)
-    page.write_text("```python\nprint(1 / 3)\n```\n\n```text\n0.36\n```\n")
-    with pytest.raises(AssertionError, match=r"line 2: 0\.333"):
-        run(page)
-
-
 TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
@@ -362,35 +323,6 @@ def test_every_public_name_is_in_the_reference() -> None:
             if f"automodule:: {module.__name__}\n" in text
         )
         assert names <= set(re.findall(r"auto(?:class|function):: (\S+)", page))
-
-
-def _sites_links() -> Any:
-    sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
-    try:
-        return importlib.import_module("outside_links")
-    finally:
-        del sys.path[0]
-
-
-def test_links_of_the_site_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sphinx is not needed to check the links that its extension makes."""
-    for name in ("sphinx", "sphinx.application"):
-        monkeypatch.setitem(sys.modules, name, io)
-    monkeypatch.setattr(io, "Sphinx", None, raising=False)
-    rewrite = _sites_links().rewrite
-    text = (
-        "[a](../CHANGELOG.md) [b](../tests/x.py) ![c](../benches/c.png) [d](api/d.md#e)\n"
-        '[f](https://example.org) <img width="3" src="g.png">\n'
-        "```python\n[h](../tests/x.py)\n```\n"
-    )
-    assert rewrite(text, "docs/p.md", "docs/p.md") == (
-        "[a](changelog.md) b ![c](../benches/c.png) [d](api/d.md#e)\n"
-        '[f](https://example.org) <img width="3" src="g.png">\n'
-        "```python\n[h](../tests/x.py)\n```\n"
-    )
-    assert rewrite("![c](c.png) [i](#j)", "benches/README.md", "docs/b.md") == (
-        "![c](../benches/c.png) [i](#j)"
-    )
 
 
 @pytest.mark.parametrize(

@@ -102,9 +102,3 @@ def test_help_loads_no_more_modules_than_sparse_matrices(tmp_path: Path) -> None
 @pytest.mark.slow
 def test_few_contacts_are_paired_without_a_tree(tmp_path: Path) -> None:
     assert "scipy.spatial" not in loaded(COMMAND.format(RUN), tmp_path)
-
-
-@pytest.mark.slow
-def test_check_of_imports_sees_matplotlib(tmp_path: Path) -> None:
-    """The check above would notice these names."""
-    assert "matplotlib" in loaded(COMMAND.format([*RUN, "--plot"]), tmp_path)

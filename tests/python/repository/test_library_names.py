@@ -9,8 +9,6 @@ import importlib
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 import bipot_rs
 
 PACKAGE = Path(bipot_rs.__file__).parent
@@ -73,17 +71,3 @@ def test_names_exist() -> None:
         if not exists(name)
     }
     assert missing == set()
-
-
-@pytest.mark.parametrize(
-    ("text", "name"),
-    [
-        ("import numpy as np\nnp.linalg.no_such(1)", "numpy.linalg.no_such"),
-        ("from scipy import sparse\nx = sparse.no_such", "scipy.sparse.no_such"),
-        ("from scipy.sparse import no_such as f", "scipy.sparse.no_such"),
-        ("import scipy.nowhere", "scipy.nowhere"),
-    ],
-)
-def test_a_name_that_does_not_exist_is_found(text: str, name: str) -> None:
-    assert name in names(text)
-    assert not exists(name)

@@ -1,11 +1,8 @@
 """The installed package: its names, its version, its core."""
 
-import importlib.metadata
 import inspect
 import subprocess
 import sys
-import tomllib
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -92,12 +89,6 @@ def test_errors_have_one_base() -> None:
 def test_core_is_a_release_build() -> None:
     """An editable install must not give the slow core of a debug build."""
     assert _core.build_profile == "release"
-
-
-def test_one_version(repository: Path) -> None:
-    cargo = tomllib.loads((repository / "Cargo.toml").read_text(encoding="utf-8"))
-    version = cargo["package"]["version"]
-    assert importlib.metadata.version("bipot-rs") == version
 
 
 def test_unknown_attribute_is_an_attribute_error() -> None:

@@ -2,10 +2,7 @@
 
 import importlib
 import re
-from pathlib import Path
 from typing import Any
-
-import pytest
 
 import bipot_rs as bp
 from support.places import ROOT
@@ -93,16 +90,3 @@ def test_methods_of_the_table_solve() -> None:
     problem = bp.ReducedProblem([[1.0, 0.0], [0.0, 1.0]], [[-1.0, 0.1]], 0.5)
     for method in names:
         assert problem.solve(method).converged, method
-
-
-def test_a_name_that_does_not_exist_is_seen() -> None:
-    with pytest.raises(AttributeError):
-        named("theory.law.by_magic")
-    with pytest.raises(AttributeError):
-        named("theory.no_such_module.x")
-
-
-def test_numbers_of_lists_and_ranges() -> None:
-    assert numbers("(8), (11)–(13)") == [8, 11, 12, 13]
-    assert numbers("79-81") == [79, 80, 81]
-    assert isinstance(PAGE, Path)

@@ -1124,22 +1124,3 @@ def test_mistakes_are_named(name: str) -> None:
     call, expected_text = MISTAKES[name]
     with pytest.raises(ValueError, match=expected_text):
         call()
-
-
-def test_beyond_its_domain_the_soil_has_no_bipotential() -> None:
-    """For β > α or β < 0 the formula is not convex, so these values are refused."""
-
-    def b(e: float, volume: float, depth: float, alpha: float, beta: float) -> float:
-        if volume < beta * abs(e):
-            return math.inf
-        return (alpha - beta) * depth * abs(e)
-
-    # β > α: concave along e, at a volume strain where both ends flow.
-    ends = (b(-1.0, 1.0, 1.0, 0.3, 0.5) + b(1.0, 1.0, 1.0, 0.3, 0.5)) / 2
-    assert b(0.0, 1.0, 1.0, 0.3, 0.5) > ends
-    # β < 0: between two strains of the domain there is one outside.
-    assert math.isinf(b(0.0, -0.2, 1.0, 0.3, -0.2))
-    assert math.isfinite(b(1.0, -0.2, 1.0, 0.3, -0.2))
-    # 0 <= β <= α: neither occurs.
-    ends = (b(-1.0, 1.0, 1.0, 0.5, 0.3) + b(1.0, 1.0, 1.0, 0.5, 0.3)) / 2
-    assert b(0.0, 1.0, 1.0, 0.5, 0.3) <= ends
