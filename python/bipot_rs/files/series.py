@@ -1,6 +1,7 @@
-"""Series of files for ParaView: a PVD index, and a VTU file for each load step.
+"""Series of files for ParaView: a PVD index, and a VTU file for each load step, by meshio.
 
-The units of the fields are the bytes of a JSON text, because meshio cannot read field data of
+The numbers of a step and the units of its fields are field data, which meshio reads but does
+not write: the units are the bytes of a JSON text, because meshio cannot read field data of
 text.
 """
 
@@ -8,8 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
-from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
 from pathlib import Path
@@ -19,20 +18,15 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import AnyArray, Floats, Integers, Record
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import OF_STEPS, increasing, named_units
 
 Cells = Sequence[tuple[str, Integers]]
 Fields = Mapping[str, AnyArray]
-# Numbers of the types of cells in VTK, by their names there.
-TYPES = (
-    {"vertex": 1, "line": 3, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12}
-    | {"line3": 21, "triangle6": 22, "quad8": 23, "tetra10": 24, "hexahedron20": 25}
-    | {"quad9": 28, "hexahedron27": 29}
-)
-# Bytes that are encoded at once; three become four characters.
-_TOGETHER = 3 << 18
+# What follows the head of a file of meshio.
+_GRID = b"<UnstructuredGrid>\n"
 
 
 def write_grid(
@@ -50,57 +44,26 @@ def write_grid(
     ``points (points, 3)``; ``cells``: pairs of a kind and corners in the order of VTK; fields
     ``(points,)``, ``(points, k)`` and ``(cells,)``, ``(cells, k)`` by name.
     """
+    meshio = load_library("meshio", extra="fem", need="files for ParaView")
     # 32 bits are enough for almost every mesh that fits into memory.
     short = len(points) < 2**31 > sum(corners.size for _, corners in cells)
     integer = np.int32 if short else np.int64
-    counts = np.array([len(corners) for _, corners in cells], int)
-    widths = np.repeat([corners.shape[1] for _, corners in cells], counts)
-    kinds = np.repeat([TYPES[kind] for kind, _ in cells], counts)
-    none = np.zeros(0, integer)
-    corners = np.concatenate([none, *(corners.ravel() for _, corners in cells)])
-    groups: dict[str, Fields] = {
-        "Points": {"Points": np.asarray(points, np.float64)},
-        "Cells": {
-            "connectivity": corners.astype(integer, copy=False),
-            "offsets": np.cumsum(widths, dtype=integer),
-            "types": kinds.astype(np.uint8),
+    blocks = [
+        (kind, corners.astype(integer)) for kind, corners in cells if len(corners)
+    ]
+    ends = np.cumsum([len(corners) for _, corners in blocks])[:-1]
+    grid = meshio.Mesh(
+        np.asarray(points, np.float64),
+        blocks or [("vertex", np.zeros((0, 1), integer))],
+        point_data={name: _as_stored(field) for name, field in of_points.items()},
+        cell_data={
+            name: np.split(_as_stored(field), ends) for name, field in of_cells.items()
         },
-        "PointData": of_points,
-        "CellData": of_cells,
-    }
-    # Not compressed: it takes longer than the rest of a load step with few contacts.
-    head = (
-        '<VTKFile type="UnstructuredGrid" version="0.1" '
-        f'byte_order="{sys.byteorder.title()}Endian" header_type="UInt64">\n'
-        "<UnstructuredGrid>\n"
     )
-    with path.open("wb") as file:
-        file.write(head.encode() + _field_data(numbers, units))
-        size = f'NumberOfPoints="{len(points)}" NumberOfCells="{len(kinds)}"'
-        file.write(f"<Piece {size}>\n".encode())
-        for tag, fields in groups.items():
-            file.write(f"<{tag}>\n".encode())
-            for name, field in fields.items():
-                array = _as_stored(field)
-                about = _about(name, array) | {"format": "binary"}
-                written = " ".join(f'{key}="{value}"' for key, value in about.items())
-                file.write(f"<DataArray {written}>".encode())
-                content = array.reshape(-1).view(np.uint8)
-                # The length and the first byte: nine bytes become twelve characters.
-                first = np.uint64(array.nbytes).tobytes() + content[:1].tobytes()
-                file.write(b64encode(first))
-                for k in range(1, array.nbytes, _TOGETHER):
-                    file.write(b64encode(content[k : k + _TOGETHER]))
-                file.write(b"</DataArray>\n")
-            file.write(f"</{tag}>\n".encode())
-        file.write(b"</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
-
-
-def _about(name: str, array: AnyArray) -> dict[str, str]:
-    """Attributes of the element of an array."""
-    kind = array.dtype.name.title().replace("Uint", "UInt")
-    width = {"NumberOfComponents": str(array.shape[1])} if array.ndim == 2 else {}
-    return {"type": kind, "Name": name, **width}
+    # Compression takes longer than the rest of a load step with few contacts.
+    meshio.vtu.write(path, grid, compression=None, header_type="UInt64")
+    content = path.read_bytes()
+    path.write_bytes(content.replace(_GRID, _GRID + _field_data(numbers, units), 1))
 
 
 def _as_stored(field: AnyArray) -> AnyArray:
@@ -108,8 +71,7 @@ def _as_stored(field: AnyArray) -> AnyArray:
     if field.dtype.kind == "b":
         return field.astype(np.uint8)
     wide = field.dtype.kind == "f" and field.dtype.itemsize not in (4, 8)
-    native = field.dtype.newbyteorder("=")
-    return np.ascontiguousarray(field, np.float64 if wide else native)
+    return np.ascontiguousarray(field, np.float64 if wide else None)
 
 
 def _field_data(numbers: Mapping[str, float], units: Mapping[str, str]) -> bytes:
@@ -153,8 +115,10 @@ def write_pieces(
     ):
         group = ElementTree.SubElement(grid, tag)
         for name, field in fields.items():
-            about = _about(name, _as_stored(field[:0]))
-            ElementTree.SubElement(group, "PDataArray", about)
+            kind = _as_stored(field[:0]).dtype.name.title().replace("Uint", "UInt")
+            array = ElementTree.SubElement(group, "PDataArray", type=kind, Name=name)
+            if field.ndim == 2:
+                array.set("NumberOfComponents", str(field.shape[1]))
     for name in names:
         ElementTree.SubElement(grid, "Piece", Source=name)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

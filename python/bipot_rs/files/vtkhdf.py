@@ -16,7 +16,6 @@ import numpy as np
 
 from bipot_rs._lib.types import AnyArray
 from bipot_rs.files.fields import OF_STEPS, increasing
-from bipot_rs.files.series import TYPES
 
 if TYPE_CHECKING:
     from h5py import Dataset, Group
@@ -26,6 +25,12 @@ if TYPE_CHECKING:
     # Where an array goes, the dataset that holds it, and its entries there.
     Part: TypeAlias = tuple[object, Dataset, object]
 
+# Numbers of the types of cells in VTK, by their names there.
+_TYPES = (
+    {"vertex": 1, "line": 3, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12}
+    | {"line3": 21, "triangle6": 22, "quad8": 23, "tetra10": 24, "hexahedron20": 25}
+    | {"quad9": 28, "hexahedron27": 29}
+)
 # Nodes whose fields are written at once.
 _BATCH = 2**18
 # Fields of the contacts that their nodes get, and the value at nodes without contact.
@@ -75,11 +80,11 @@ def write_group(
         ]
         show(group, "Connectivity", (ends[-1],), *parts)
         each = [np.full(data.shape[0], data.shape[1]) for _, data in blocks]
-        kinds = np.repeat([TYPES[kind] for kind, _ in blocks], [*map(len, each)])
+        kinds = np.repeat([_TYPES[kind] for kind, _ in blocks], [*map(len, each)])
         offsets = np.cumsum(np.concatenate([[0], *each]))
     else:
         group["Connectivity"] = np.arange(points, dtype=np.int32)
-        kinds, offsets = np.full(points, TYPES["vertex"]), np.arange(points + 1)
+        kinds, offsets = np.full(points, _TYPES["vertex"]), np.arange(points + 1)
     group["Offsets"] = offsets.astype(group["Connectivity"].dtype)
     group["Types"] = kinds.astype(np.uint8)
     group["NumberOfPoints"], group["NumberOfCells"] = [points], [len(kinds)]

@@ -164,7 +164,7 @@ def test_while_the_package_loads(
 
 @pytest.mark.parametrize(
     ("module", "number"),
-    [("numpy", INT), ("h5py", TERM), ("pydantic", INT)],
+    [("numpy", INT), ("h5py", TERM), ("meshio", INT), ("pydantic", INT)],
 )
 @pytest.mark.quick_variants("numpy-*")
 @pytest.mark.slow

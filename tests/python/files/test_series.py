@@ -10,37 +10,6 @@ import pytest
 from bipot_rs.files import series
 
 
-@pytest.mark.parametrize("together", [3, 6, series._TOGETHER])
-def test_meshio_reads_each_kind_and_type(
-    together: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Arrays are encoded in parts, which end anywhere in a number."""
-    monkeypatch.setattr(series, "_TOGETHER", together)
-    random = np.random.default_rng(4)
-    for kind in series.TYPES:
-        width = meshio._mesh.num_nodes_per_cell[kind]
-        corners = np.arange(3 * width).reshape(3, width)
-        types = ("f4", ">f8", "i1", "u1", ">i4", "i8")
-        fields = {
-            name: random.integers(0, 99, (3 * width, *shape)).astype(name)
-            for name, shape in zip(types, [(), (3,), (), (), (6,), ()], strict=True)
-        }
-        cells = {"stress": random.normal(size=(3, 6)), "body": np.arange(3)}
-        points = random.normal(size=(3 * width, 3))
-        path = tmp_path / f"{kind}.vtu"
-        series.write_grid(
-            path, points, [(kind, corners)], fields, cells, numbers={}, units={}
-        )
-        read = meshio.read(path)
-        np.testing.assert_array_equal(read.points, points)
-        assert read.cells[0].type == kind
-        np.testing.assert_array_equal(read.cells[0].data, corners)
-        for name, field in fields.items():
-            np.testing.assert_array_equal(read.point_data[name], field)
-        for name, field in cells.items():
-            np.testing.assert_array_equal(read.cell_data[name][0], field)
-
-
 def test_series_for_paraview(tmp_path: Path) -> None:
     points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     cells = [("quad", np.array([[0, 1, 2, 3]]))]

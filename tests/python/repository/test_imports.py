@@ -47,12 +47,13 @@ def loaded(code: str, folder: Path) -> set[str]:
         (COMMAND.format(["scenes"]), ()),
         (COMMAND.format(["new"]), ()),
         (COMMAND.format(["check", *RUN[1:]]), ("pydantic", "scipy")),
-        (COMMAND.format(RUN), ("h5py", "pydantic", "scipy")),
-        (COMMAND.format(RUN[:-1]), ("h5py", "pydantic", "scipy")),
+        # meshio imports rich.
+        (COMMAND.format(RUN), ("h5py", "meshio", "pydantic", "rich", "scipy")),
+        (COMMAND.format(RUN[:-1]), ("h5py", "meshio", "pydantic", "rich", "scipy")),
         # The shapes and nodes of second order are those of scikit-fem.
         (
             COMMAND.format([*RUN, "--set", "mesh.element=Q2"]),
-            ("h5py", "pydantic", "scipy", "skfem"),
+            ("h5py", "meshio", "pydantic", "rich", "scipy", "skfem"),
         ),
     ],
     ids=[
