@@ -163,7 +163,7 @@ def deformed(
         _show(corners[0], corners[1], ax)
     else:
         _limits(model, places, tails, bands, near, ax)
-    if own_axes and model.dim == 2:
+    if own_axes:
         style.fit(ax)
     stress = style.stress_unit(units)
     most = float(mises.max(initial=0.0))
@@ -323,7 +323,7 @@ def facets_in_space(
     return image
 
 
-def box_in_space(places: Floats, ax: Axes3D, zoom: float = 0.82) -> None:
+def box_in_space(places: Floats, ax: Axes3D) -> None:
     """Set the limits of axes in 3D, with equal scales."""
     low, high = places.min(axis=0), places.max(axis=0)
     # A flat box would not be visible.
@@ -336,15 +336,13 @@ def box_in_space(places: Floats, ax: Axes3D, zoom: float = 0.82) -> None:
         axis = getattr(ax, f"{name}axis")
         # Fewer numbers on a short axis.
         count = max(1, round(4 * half[k] / half.max() + 0.4))
-        # The first number of y would overlap the last one of x; from below that of z one of y.
-        prune = {"y": "lower", "z": "upper" if ax.elev < 0 else None}.get(name)
+        # The first number of y would overlap the last one of x, its last one that of z.
+        ends = ("lower", "upper") if ax.elev < 0 else ("both", None)
+        prune = dict(zip("yz", ends, strict=True)).get(name)
         ticks = {"min_n_ticks": min(count, 2), "prune": prune}
         axis.set_major_locator(MaxNLocator(min(count, 4), **ticks))
-        # matplotlib scales labelpad with the lengths of the other two axes.
-        axis.labelpad = 8 * min(half.max() / np.delete(half, k).max(), 3.0)
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
-    # Space for the labels, which the layout ignores.
-    ax.set_box_aspect(half, zoom=zoom if ax.elev > 0 else 0.9 * zoom)
+    ax.set_box_aspect(half)
 
 
 def _view(

@@ -10,6 +10,7 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
+from bipot_rs.plots import style
 from bipot_rs.plots.body import cells_in_plane, facets_in_space
 from bipot_rs.plots.geometry.boundary_facets import skin
 
@@ -124,7 +125,7 @@ def _space(
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     panels = []
     for k, height in enumerate((25, -25)):
-        axes = figure.add_subplot(1, 2, k + 1, projection="3d")
+        axes = figure.add_subplot(1, 2, k + 1, **style.in_space())
         image = facets_in_space(
             outside, share[of_cell], axes, lw=0.1, edgecolor="grey", **colours
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs.contact.results.result import Result
-from bipot_rs.plots.body import box_in_space
+from bipot_rs.plots import style
 from bipot_rs.plots.data import DrawnContacts, look, number_of
 from bipot_rs.plots.line import draw_tractions
 from bipot_rs.plots.path import resultants, status_shares
@@ -110,8 +110,7 @@ def _maps(figure: Figure | SubFigure, seen: DrawnContacts) -> None:
 
 def _facets(figure: Figure | SubFigure, seen: DrawnContacts) -> None:
     """Draw contact on other surfaces: their facets in 3D, or dots if they are unknown."""
-    panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
+    panels = figure.subplots(1, 3, subplot_kw=style.in_space())
     for ax, quantity in zip(panels, ("pressure", "shear", "status"), strict=True):
         draw_space(seen, quantity, ax, below=True)
-        box_in_space(seen.x, ax, zoom=0.8)
         ax.tick_params(labelsize="small")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from io import BytesIO
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -105,15 +105,21 @@ def axes_of(
     from matplotlib.figure import Figure
 
     if ax is None:
-        kind = {"projection": "3d"} if space else {}
         figure = Figure(figsize=size, layout="constrained")
-        return show_in_notebooks(figure.add_subplot(**kind))
+        return show_in_notebooks(figure.add_subplot(**(in_space() if space else {})))
     if not isinstance(ax, Axes):
         raise TypeError(f"ax is a {type(ax).__name__}, expected axes of matplotlib")
     if (ax.name == "3d") is not space:
         wanted = 'projection="3d"' if space else "no projection"
         raise TypeError(f"ax has projection {ax.name!r}, expected axes with {wanted}")
     return ax
+
+
+def in_space() -> dict[str, Any]:
+    """The argument of a new subplot for axes in 3D."""
+    from bipot_rs.plots.space_axes import SpaceAxes
+
+    return {"axes_class": SpaceAxes}
 
 
 def show_in_notebooks(ax: Axes) -> Axes:
@@ -253,7 +259,7 @@ def cycle(k: int) -> str:
 
 def width(k: int, count: int) -> float:
     """Width of the lines of surface ``k``: an earlier one is visible below a later one."""
-    return 1.6 + 1.8 * min(count - 1 - k, 3)
+    return 1.4 + 1.2 * min(count - 1 - k, 3)
 
 
 def surface_handles(names: Iterable[str]) -> list[Line2D]:
@@ -266,8 +272,12 @@ def surface_handles(names: Iterable[str]) -> list[Line2D]:
 
 
 def fit(ax: Axes) -> None:
-    """Fit the height of a figure to one picture with equal scales in x and y."""
+    """Fit the height of a figure to one picture with equal scales, in 2D or 3D."""
     wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
+    if ax.name == "3d":
+        from bipot_rs.plots.space_axes import project_box
+
+        wide, high = np.subtract(*project_box(ax)[::-1])
     figure = figure_of(ax)
     width, _ = figure.get_size_inches()
     # Labels and the colour bar take 2 inches in width, labels 0.9 inches in height.
@@ -281,7 +291,7 @@ def note(ax: Axes, text: str) -> None:
     if text:
         # Seen from below, the axes in 3D have their labels above.
         below = getattr(ax, "elev", 0.0) < 0
-        ax.set_title(text, fontsize="small", loc="left", pad=22 if below else None)
+        ax.set_title(text, fontsize="small", loc="left", pad=38 if below else None)
 
 
 def say(ax: Axes3D, text: str) -> None:

@@ -12,6 +12,7 @@ import bipot_rs as bp
 from bipot_rs import fem, plots
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import look
+from bipot_rs.plots.space_axes import project_box
 from support import places
 from support.layout import overlaps
 
@@ -293,6 +294,9 @@ def test_short_axes_of_space_can_be_read(height: float) -> None:
         plots.surface3d(model, result, "gap", bodies=False, units=UNITS),
     ):
         assert overlaps(ax.figure) == []
+        # The box fills the axes, but for 2 % on each side.
+        ends = ax.transData.transform(np.array(project_box(ax)))
+        assert (np.ptp(ends, axis=0) / ax.bbox.size).max() == pytest.approx(1 / 1.04)
 
 
 def test_quantity_that_is_zero_everywhere() -> None:
