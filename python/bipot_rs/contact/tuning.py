@@ -47,6 +47,33 @@ LEAST_SECANT = 1e-6
 # Largest condition of the rows of a contact by which a displacement is copied.
 MOST_OBLIQUE = 1e6
 
+# --- Stiffness with few digits (stiffness/digits.py): the 241 tests of test_stiffness_digits.py
+# and test_lost_digits.py in tests/python/contact/stiffness. Where nothing else is said, all of
+# them have the same outcome with half and with twice the value.
+
+# Largest stiffness_rtol: fewer digits would also spoil the elasticity.
+LEAST_DIGITS = 1e-3
+# A support must resist by this multiple of the error of K to be recognised. Half: supports of
+# half the stiffness are taken; twice: those of twice the stiffness are refused.
+CLEAR_SUPPORT = 100.0
+# Negative eigenvalues beyond this part of the largest are not caused by few digits.
+LOST_DIGITS = 1e-5
+# Upper limit of the doubt whether a body is soft or its digits are wrong, relative to the entries.
+SOFTEST_BODY = 1e-4
+# Unknowns of a body up to which a dense and a sparse factorisation for this doubt take seconds.
+# Half: bodies between the two values have no such check; twice: it takes up to eight times as long.
+DENSE_DOUBT, SPARSE_DOUBT = 3000, 20_000
+# Remainder of a row in ε of the sum of the absolute values of its terms: the aim of the fit, and
+# the largest that is accepted. Rounding of the entries gives 1, and the sums of the check another.
+FIT_AIM, FIT_REMAINDER = 4.0, 16.0
+# Factor of the terms of a row with supports.
+SUPPORTED_ROWS = 8.0
+# Entries of K in one block of the fit: about 60 MB. It changes memory only.
+FIT_ENTRIES = 200_000
+# Runs of LSQR, each from the remainder of the one before, and the iterations of each. Meshes
+# with 100 cells per side need about 500.
+FIT_RUNS, FIT_ITERATIONS = 4, 5000
+
 # --- Adaptive load steps (path/step_control.py): the scenes with automatic steps.
 
 # The default of the shortest step, as a part of the path. Half and twice: a path that fails

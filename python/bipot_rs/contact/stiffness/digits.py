@@ -38,6 +38,20 @@ from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import body_of
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts, csr, number
+from bipot_rs.contact.tuning import (
+    CLEAR_SUPPORT,
+    DENSE_DOUBT,
+    FIT_AIM,
+    FIT_ENTRIES,
+    FIT_ITERATIONS,
+    FIT_REMAINDER,
+    FIT_RUNS,
+    LEAST_DIGITS,
+    LOST_DIGITS,
+    SOFTEST_BODY,
+    SPARSE_DOUBT,
+    SUPPORTED_ROWS,
+)
 
 OFFER = (
     ". If K was written with few digits, give stiffness_rtol and coordinates, which restore "
@@ -47,8 +61,6 @@ COORDINATES = ". Give `coordinates`: with them, rigid motions are known exactly"
 EPS = float(np.finfo(np.float64).eps)
 # Directions of degrees of freedom from here on are rotations; below 0 they are unknown.
 ABOUT = 3
-# Fewer digits would also spoil the elasticity.
-MOST = 1e-3
 # A motion of order one that the body does not have, such as the rotation of a straight line
 # about itself, moves it by less: rounding of the coordinates and of their combinations.
 NO_MOTION = 1e-10
@@ -58,33 +70,12 @@ ASSEMBLY = 8.0
 # "Relative error 1e-8" and "eight digits" differ by up to ten: 1.0000000 has the relative
 # error 5e-8.
 SLACK = 10.0
-# A support must resist by this multiple of the error of K to be recognised.
-CLEAR = 100.0
-# Negative eigenvalues beyond this part of the largest are not caused by few digits.
-OF_DIGITS = 1e-5
-# Smallest stiffness_rtol to suggest: twelve digits.
-LEAST_OFFER = 1e-12
-# Unknowns of a body up to which this check, a dense factorisation, takes seconds.
-DENSE = 3000
-# The same for a sparse factorisation.
-SPARSE = 20_000
-# Upper limit of the doubt in that check, relative to the entries.
-SOFTEST = 1e-4
-# Largest remainder of restored rows, in ε of the sum of the absolute values of their
-# terms. Rounding of the entries gives 1, and the sums of the check another 1.
-RESTORED = 16.0
-ENOUGH = 4.0
-# Factor for rows with supports.
-COMBINED = 8.0
-# An energy below this part of its terms, in ε, is rounding error.
-ROUNDED = 64.0
-# Entries of K in one block of the fit of rigid motions: about 60 MB.
-BLOCK = 200_000
 # A row may be off by `SLACK`, and one entry may have to change for several rows.
 MOST_CHANGE = 2.0 * SLACK
-# Runs of LSQR, each from the remainder of the one before, and the iterations of each. Meshes
-# with 100 cells per side need about 500.
-MOST_RUNS, MOST_STEPS = 4, 5000
+# Smallest stiffness_rtol to suggest: twelve digits.
+LEAST_OFFER = 1e-12
+# An energy below this part of its terms, in ε, is rounding error.
+ROUNDED = 64.0
 # Largest reduction of one LSQR run in double precision.
 LEAST_REDUCTION = 1e-11
 
@@ -165,7 +156,9 @@ class Digits:
         direction = _core.dof_directions(self.places, self.d)
         changed, first = 0.0, 0
         while first < len(u):
-            end = int(np.searchsorted(K.indptr, K.indptr[first] + BLOCK, side="right"))
+            end = int(
+                np.searchsorted(K.indptr, K.indptr[first] + FIT_ENTRIES, side="right")
+            )
             last = min(max(end - 1, first + 1), len(u))
             changed += self._sum_deviations(K, direction, u, first, last)
             first = last
@@ -226,10 +219,10 @@ def check_digits(
 ) -> Digits:
     """Check ``stiffness_rtol`` of `ContactProblem`."""
     value = number("stiffness_rtol", rtol)
-    if not 0 < value <= MOST:
+    if not 0 < value <= LEAST_DIGITS:
         raise ValueError(
             f"stiffness_rtol is {value:g}, expected the relative error of the entries of K, "
-            f"above 0 and at most {MOST:g}"
+            f"above 0 and at most {LEAST_DIGITS:g}"
         )
     if places is None:
         raise ValueError(
@@ -315,7 +308,7 @@ class _Rows:
         for of in (slice(0, self.digits.d), slice(self.digits.d, self.m)):
             terms[:, of] = terms[:, of].max(axis=1, keepdims=True)
         # Rows with supports have combinations of motions.
-        terms[self.held] = COMBINED * terms[self.held].max(axis=1, keepdims=True)
+        terms[self.held] = SUPPORTED_ROWS * terms[self.held].max(axis=1, keepdims=True)
         return np.where(terms > 0, terms, 1.0)
 
     def _refuse_misplaced(self, turned: Bools, off: Floats) -> ValueError:
@@ -324,7 +317,7 @@ class _Rows:
             "The coordinates do not belong to the degrees of freedom of K: check the "
             "numbering and the axes"
         )
-        if typical <= SOFTEST:
+        if typical <= SOFTEST_BODY:
             digits = 10.0 ** np.ceil(np.log10(typical))
             remedy = (
                 "Give the coordinates with all digits; if K itself was written with fewer "
@@ -415,7 +408,7 @@ class _Rows:
         # With most rows in balance the rigid motions are right: supports are in few rows.
         # Otherwise the whole matrix is checked.
         many = len(rows) > (1 - _core.least_balanced) * len(dofs)
-        if len(held) and held.min() < CLEAR * rtol:
+        if len(held) and held.min() < CLEAR_SUPPORT * rtol:
             raise self._refuse_resistance(dofs, off, float(held.min()))
         # A resisted motion is a combination of the motions of the held degrees of freedom,
         # which the coordinates give; K gives it with its error.
@@ -429,13 +422,13 @@ class _Rows:
     def _is_stiff(self, dofs: Ints, free: Floats, off: Floats) -> bool:
         """Whether K holds a body for any errors of its entries within the tolerance."""
         # Including prescribed degrees of freedom: K itself must resist.
-        if len(dofs) > DENSE:
+        if len(dofs) > DENSE_DOUBT:
             return False
         K = self.K[dofs][:, dofs].toarray()
         typical = float(np.median(off[dofs]))
         places, d = self.digits.places[dofs], self.digits.d
         _, moved = _motions_of_body(self.direction[dofs], places, d)
-        doubt = max(self.digits.rtol, min(typical, SOFTEST))
+        doubt = max(self.digits.rtol, min(typical, SOFTEST_BODY))
         shift = doubt * (np.abs(K) @ moved) / moved
         scale = np.abs(np.diag(K)).mean()
         try:
@@ -451,7 +444,7 @@ class _Rows:
         body = body_of(int(dofs[0]), self.digits.bodies)
         digits = 10.0 ** np.ceil(np.log10(typical))
         remedy = "Check that coordinates have the numbering of K"
-        if digits <= MOST:
+        if digits <= LEAST_DIGITS:
             remedy = (
                 f"If K was written with fewer digits, give stiffness_rtol={digits:.0e}"
             )
@@ -484,18 +477,18 @@ class _Rows:
         aim = np.where((terms > 0) & ~self.held[:, None], terms, largest).ravel()
         values = self.values.copy()
         worst, best = np.inf, values
-        for _ in range(MOST_RUNS):
+        for _ in range(FIT_RUNS):
             left = self.A @ values
             now = float((np.abs(left) / aim).max(initial=0.0))
             if now >= worst:
                 break
             worst, best = now, values
-            if worst <= ENOUGH:
+            if worst <= FIT_AIM:
                 break
             reduction = max(0.2 / worst, LEAST_REDUCTION)
             values = values - scale * _find_least_change(G, inverse * left, reduction)
         remainder = float((np.abs(self.A @ best) / largest.ravel()).max(initial=0.0))
-        if remainder > RESTORED:
+        if remainder > FIT_REMAINDER:
             raise ValueError(
                 "stiffness_rtol: no change of the stored entries of K restores its rigid "
                 f"motions, {remainder * EPS:.1e} of the terms of a row remain. Store all "
@@ -510,7 +503,11 @@ class _Rows:
         value = self.values[entry]
         change = abs(restored[entry] / value - 1.0)
         digits = 10.0 ** np.ceil(np.log10(change))
-        remedy = f"give stiffness_rtol={digits:.0e}" if digits <= MOST else "correct it"
+        remedy = (
+            f"give stiffness_rtol={digits:.0e}"
+            if digits <= LEAST_DIGITS
+            else "correct it"
+        )
         return ValueError(
             f"stiffness_rtol: to restore the rigid motions of K, its entry ({self.i[entry]}, "
             f"{self.j[entry]}) = {value:.6g} must change by {change:.1e} of itself, more than "
@@ -548,7 +545,7 @@ def _find_least_change(G: CsrMatrix, left: Floats, reduction: float) -> Floats:
         atol=LEAST_REDUCTION,
         btol=reduction,
         conlim=0,
-        iter_lim=MOST_STEPS,
+        iter_lim=FIT_ITERATIONS,
     )
     return np.asarray(solution[0], np.float64)
 
@@ -596,13 +593,13 @@ def describe_indefinite(
     )
     least = _find_least_eigenvalue(K[body][:, body])
     if least is None:
-        return f"; no eigenvalue is below {-OF_DIGITS:.0e} of the largest" + _offer(
-            OF_DIGITS, digits
+        return f"; no eigenvalue is below {-LOST_DIGITS:.0e} of the largest" + _offer(
+            LOST_DIGITS, digits
         )
     if not least < 0:
         return ""
     extent = f"; its most negative eigenvalue is {least:.1e} of the largest"
-    return extent + (_offer(-least, digits) if least >= -OF_DIGITS else "")
+    return extent + (_offer(-least, digits) if least >= -LOST_DIGITS else "")
 
 
 def _offer(negative: float, digits: Digits | None) -> str:
@@ -624,7 +621,7 @@ def _find_least_eigenvalue(K: CsrMatrix) -> float | None:
     n = K.shape[0]
     if not K.count_nonzero():
         return 0.0
-    if n <= DENSE:
+    if n <= DENSE_DOUBT:
         # Scaled, so that squares of entries do not overflow.
         values = np.linalg.eigvalsh(K.toarray() / np.abs(K.data).max())
         return float(values[0] / np.abs(values).max())
@@ -633,10 +630,10 @@ def _find_least_eigenvalue(K: CsrMatrix) -> float | None:
         rough = eigsh(K, k=1, which="SA", tol=1e-2, maxiter=20, v0=np.ones(n))[0]
     except ArpackNoConvergence as error:
         rough = error.eigenvalues
-    if len(rough) and rough[0] < -OF_DIGITS * largest:
+    if len(rough) and rough[0] < -LOST_DIGITS * largest:
         return float(rough[0] / largest)
-    if n > SPARSE:
+    if n > SPARSE_DOUBT:
         return None
-    near = -OF_DIGITS * largest
+    near = -LOST_DIGITS * largest
     eigenvalue = eigsh(K, k=1, sigma=near, which="LA", v0=np.ones(n))[0]
     return float(eigenvalue[0] / largest)
