@@ -12,7 +12,6 @@ import h5py
 import numpy as np
 import pytest
 from collection import manifest, rules
-from collection.__main__ import main
 from collection.catalogue import PATHS
 from collection.checks import check
 from collection.rules import FILES, RULES
@@ -214,29 +213,6 @@ def test_a_damaged_file_is_a_fault(written: Path, tmp_path: Path) -> None:
     }
     assert set(wrong) == {"block_2d_3-0004.hdf5", "block_2d_3-0005.hdf5"}
     assert "cannot be read as HDF5" in wrong["block_2d_3-0004.hdf5"][0]
-
-
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--list"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == 40
-    folder = str(tmp_path / "one")
-    assert main([folder, "--only", "several_2d_3"]) == 0
-    assert main(["--check", folder]) == 0
-    assert "3 of 3 files are right" in capsys.readouterr().out
-    with h5py.File(tmp_path / "one" / "several_2d_3-0000.hdf5", "r+") as file:
-        file["/solution/r"][...] *= 2
-    assert main(["--check", folder]) == 1
-    assert "2 of 3 files are right" in capsys.readouterr().out
-    assert main([folder, "--only", "several_3d_3"]) == 2
-    assert "did you mean 'several_2d_3'?" in capsys.readouterr().err
-    assert main(["--check", str(tmp_path)]) == 2
-    assert "MANIFEST.csv is not a file" in capsys.readouterr().err
-    with pytest.raises(TypeError, match="names is"):
-        generate(folder, "several_2d_3")
-    for wrong in ([], ["--check", "--only", "several_2d_3", folder]):
-        with pytest.raises(SystemExit) as ended:
-            main(wrong)
-        assert ended.value.code == 2
 
 
 def test_the_rules_are_on_the_site_and_in_the_folder(written: Path) -> None:

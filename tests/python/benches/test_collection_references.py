@@ -140,30 +140,6 @@ def test_the_global_form_is_the_same_problem() -> None:
         )
 
 
-def test_there_are_forty_paths_of_all_kinds() -> None:
-    assert len(PATHS) == 40
-    made = {name: entry.make() for name, entry in PATHS.items()}
-    contacts = [len(path.gap) for path in made.values()]
-    assert min(contacts) == 3
-    assert max(contacts) == 3003
-    for name, path in made.items():
-        d = path.B.shape[0] // len(path.gap)
-        assert f"_{d}d_{len(path.gap)}" in name
-        assert 3 <= path.steps <= 12
-    families = {entry.family for entry in PATHS.values()}
-    assert families == {
-        "one body",
-        "two bodies",
-        "rigid sets",
-        "cyclic",
-        "release",
-        "held by contact",
-        "nearly sliding",
-        "several answers",
-        "no answer",
-    }
-
-
 def test_frames_of_each_step_are_those_of_the_load_path() -> None:
     """A roller that rolls: histories carried as `ContactProblem.solve` carries them."""
     path = PATHS["roller_2d_41"].make()

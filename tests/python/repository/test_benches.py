@@ -1,14 +1,9 @@
 """Tables that the benches write, results of the peers, and their comparison."""
 
-import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import compare_tractions
-import iterations
 import iterative_file
 import numpy as np
 import pytest
@@ -103,14 +98,6 @@ def test_statuses_on_a_border_are_not_compared() -> None:
     assert clear[0].tolist() == [False, True, True, True, True]
 
 
-def test_a_row_of_iterations_counts_those_of_the_iterative_engine() -> None:
-    row = iterations.row("two blocks", "small", iterations.blocks(6, 6, 10.0))
-    assert row["solved by"] == "iterative"
-    assert row["residual"] <= iterations.TOL
-    assert 0 < row["steps"] < row["Krylov"]
-    assert row["contacts"] == 49
-
-
 def test_the_slabs_of_petsc_are_the_system_of_bipot_rs(tmp_path: Path) -> None:
     """The rows of two ranks together, for displacements of the last load step."""
     case, load = iterative_file.assembled((2, 3, 2))
@@ -132,25 +119,3 @@ def test_the_slabs_of_petsc_are_the_system_of_bipot_rs(tmp_path: Path) -> None:
     tolerance = 1e-13 * abs(model.K).sum(axis=1).max()
     np.testing.assert_allclose(np.concatenate(imbalance), expected, atol=tolerance)
     np.testing.assert_array_equal(np.concatenate(v).ravel(), model.B @ u)
-
-
-def test_the_matrices_of_a_peer_are_those_of_the_scene(
-    repository: Path, tmp_path: Path
-) -> None:
-    """What `system.py` writes for a Python without scikit-fem."""
-    path = tmp_path / "system.npz"
-    script = repository / "benches" / "peers" / "system.py"
-    run = subprocess.run(
-        [sys.executable, str(script), "two_blocks", "4", "--save", str(path)],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-    )
-    line = json.loads(run.stdout)
-    assert line["dofs"] == 2 * 3 * 5 * 5 * 3
-    with np.load(path) as file:
-        assert tuple(file["B_shape"]) == (75, 450)
-        assert file["prescribed"].shape == (2, 150)
-        # Faces of 100 x 100 mm², to rounding of a sum.
-        assert file["area"].sum() == pytest.approx(1e4, rel=1e-12)

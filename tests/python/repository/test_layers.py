@@ -86,11 +86,6 @@ def test_every_module_of_rust_has_its_place_in_the_order() -> None:
     assert {path.stem for path in SOURCE.iterdir()} - {"lib"} <= set(RUST)
 
 
-def test_a_path_upward_is_seen() -> None:
-    text = "use crate::linalg::small;\nfn f() { crate::solver::g(crate::{law}) }"
-    assert upward("law", text) == ["solver", "{"]
-
-
 @pytest.mark.parametrize("word", RUST_NAMES)
 def test_few_files_of_rust_name(word: str) -> None:
     there = [
