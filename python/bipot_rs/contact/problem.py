@@ -787,10 +787,9 @@ class ContactProblem:
         >>> jumped.paths < 120, bool(abs(jumped.depth[-1] / wear.depth[-1] - 1) < 1e-3)
         (True, True)
         """
-        from bipot_rs.contact.wear.cycle import Cycles
+        from bipot_rs.contact.wear.cycle import Cycles, Stability
         from bipot_rs.contact.wear.jumps import CycleSolver
         from bipot_rs.contact.wear.record import check_wear
-        from bipot_rs.contact.wear.stability import Stability
 
         checked = settings(method, tol, max_iterations, max_seconds, maxiter)
         callback("on_cycle", on_cycle)

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 from bipot_rs import fem, scene
 from bipot_rs.discretisation import Estimator
 from bipot_rs.discretisation.simplices import simplices
-from bipot_rs.fem.bodies.numbering import number_bodies
+from bipot_rs.fem.bodies.body import number_bodies
 from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]

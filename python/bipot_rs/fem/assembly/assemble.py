@@ -13,9 +13,8 @@ from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs.contact.law.frames import turn_operator
 from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
 from bipot_rs.fem.assembly.assembly import Assembly, Support
-from bipot_rs.fem.bodies.body import ROUNDING, Body
+from bipot_rs.fem.bodies.body import ROUNDING, Body, NumberedBodies, number_bodies
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
-from bipot_rs.fem.bodies.numbering import NumberedBodies, number_bodies
 from bipot_rs.fem.constraints.bolts import Bolt, Cut, cut_bodies
 from bipot_rs.fem.constraints.inclined_supports import Planes, make_planes
 from bipot_rs.fem.constraints.references import (

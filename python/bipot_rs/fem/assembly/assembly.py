@@ -33,11 +33,10 @@ from bipot_rs.contact.path.moving_gaps import (
 )
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
-from bipot_rs.fem.bodies.body import Body, Box, Field
+from bipot_rs.fem.bodies.body import Body, Box, Field, NumberedBodies
 from bipot_rs.fem.bodies.boundary import Spring
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.fem.bodies.loads import Load, PointLoad
-from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.bodies.stress_recovery import Initial
 from bipot_rs.fem.constraints.inclined_supports import Planes
 from bipot_rs.fem.constraints.references import (
@@ -108,7 +107,7 @@ class Assembly:
     fixed : (m,)
         Prescribed degrees of freedom, ascending; among them the dependent ones of `ties`,
         whose displacement follows from the others.
-    numbered : bipot_rs.fem.bodies.numbering.NumberedBodies
+    numbered : bipot_rs.fem.bodies.body.NumberedBodies
         The bodies by name, with their degrees of freedom.
     contact_dofs : (n_c, 2)
         First degree of freedom of the node and of its partner; -1 without a single

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.types import CsrMatrix, Ints
+from bipot_rs.fem.bodies.body import NumberedBodies
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
 from bipot_rs.fem.bodies.elasticity import dofs_of, stiffness
-from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.constraints.inclined_supports import Planes
 
 

@@ -23,8 +23,7 @@ from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.bodies.body import Body, Box
-from bipot_rs.fem.bodies.numbering import NumberedBodies
+from bipot_rs.fem.bodies.body import Body, Box, NumberedBodies
 from bipot_rs.fem.constraints.bolts import Cut
 from bipot_rs.fem.constraints.ties import Relations, Ties
 from bipot_rs.fem.contact.contact import Contact, Floating, rigid_obstacle

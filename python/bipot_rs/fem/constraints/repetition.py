@@ -17,7 +17,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, integer
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.fem.bodies.numbering import NumberedBodies
+from bipot_rs.fem.bodies.body import NumberedBodies
 from bipot_rs.fem.constraints.ties import Relations
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.meeting import Meeting, nearest_points

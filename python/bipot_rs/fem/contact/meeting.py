@@ -13,7 +13,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs.contact.law.frames import frames, operator, turn_frames
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.fem.bodies.numbering import NumberedBodies, NumberedBody
+from bipot_rs.fem.bodies.body import NumberedBodies, NumberedBody
 from bipot_rs.fem.contact.contact import Contact, both, refuse_itself
 from bipot_rs.fem.contact.rigid import follow_obstacle, weigh_obstacle
 from bipot_rs.fem.contact.surfaces import (

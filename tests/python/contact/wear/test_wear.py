@@ -15,7 +15,7 @@ from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.wear import cycle as cycle_of_wear
 from bipot_rs.contact.wear import jumps
-from bipot_rs.contact.wear.stability import Stability
+from bipot_rs.contact.wear.cycle import Stability
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import assemble
 from bipot_rs.scene.reading import read
