@@ -19,8 +19,13 @@ from scipy.sparse.linalg import splu
 from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs.contact.path.bond import Bond
 from bipot_rs.theory.convex import dot, length
-from bipot_rs.theory.points import PlasticPoints, PointEnd, Rate
-from bipot_rs.theory.stability import critical_hardening, find_ellipticity
+from bipot_rs.theory.points import (
+    PlasticPoints,
+    PointEnd,
+    Rate,
+    critical_hardening,
+    find_ellipticity,
+)
 from bipot_rs.theory.structure_state import (
     LACK_ACROSS,
     Assembled,

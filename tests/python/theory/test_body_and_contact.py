@@ -20,9 +20,13 @@ from bipot_rs.theory.functionals import (
     of_problem,
 )
 from bipot_rs.theory.limit_load import bound_load
-from bipot_rs.theory.points import PlasticPoints, Rate
+from bipot_rs.theory.points import (
+    PlasticPoints,
+    Rate,
+    critical_hardening,
+    find_ellipticity,
+)
 from bipot_rs.theory.soil_body import Soil
-from bipot_rs.theory.stability import critical_hardening, find_ellipticity
 from bipot_rs.theory.structure import Contacts, Structure
 from bipot_rs.theory.structure_state import StepNotConvergedError, StructureStep
 
