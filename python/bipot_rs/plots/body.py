@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -147,7 +147,8 @@ def deformed(
         draw_edges(model, model.nodes, ax, lw=0.8, ls="--")
         # Contact with an obstacle is in sight, contact between bodies is hidden anyway.
         rigid = np.array([contact.against is None for contact in model.contacts], bool)
-        turn(-model.frame[rigid[model.group], 0], ax)
+        view, _ = find_view(-model.frame[rigid[model.group], 0])
+        cast("Axes3D", ax).view_init(*view)
     tails, longest = places[:0], 0.0
     if forces:
         view = _view(model, places, near, corners)
@@ -293,15 +294,21 @@ def draw_edges(
     ax.add_collection3d(Line3DCollection(lines, color=style.QUIET, **look))
 
 
-def turn(outward: Floats, ax: Axes3D) -> None:
-    """Look at axes in 3D from the side that sees most of surfaces with these normals."""
+def find_view(outward: Floats) -> tuple[tuple[float, float], Floats]:
+    """The side that sees most of surfaces with these normals.
+
+    Elevation and azimuth [degrees], and the direction to the viewer.
+    """
     views = [(up, around) for up in (28, -28) for around in (-60, 30, 120, -150)]
     up, around = np.radians(views).T
-    towards = [np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]
-    sight = np.maximum(outward @ np.array(towards), 0.0).sum(axis=0)
+    towards = np.array(
+        [np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]
+    )
+    sight = np.maximum(outward @ towards, 0.0).sum(axis=0)
     # The usual side, unless another one sees clearly more.
     sight[0] *= 1.1
-    ax.view_init(*views[int(np.argmax(sight))])
+    best = int(np.argmax(sight))
+    return views[best], towards[:, best]
 
 
 def facets_in_space(

@@ -15,7 +15,7 @@ from bipot_rs.plots.body import (
     box_in_space,
     draw_edges,
     facets_in_space,
-    turn,
+    find_view,
 )
 from bipot_rs.plots.data import (
     ContactsArgument,
@@ -42,9 +42,6 @@ _PIECES = 4000
 class _Camera(Protocol):
     """What this module uses of the camera of PyVista."""
 
-    azimuth: float
-    elevation: float
-
     def zoom(self, factor: float) -> None: ...
 
 
@@ -52,12 +49,13 @@ class _Plotter(Protocol):
     """What this module uses of a ``Plotter`` of PyVista."""
 
     camera: _Camera
-    camera_position: str
 
     def add_mesh(self, mesh: object, **options: object) -> object: ...
     def add_legend(self, labels: object, **options: object) -> object: ...
     def add_arrows(self, x: Floats, v: Floats, **options: object) -> object: ...
+    def add_text(self, text: str, **options: object) -> object: ...
     def show_axes(self) -> None: ...
+    def view_vector(self, vector: Floats) -> None: ...
 
 
 def surface3d(
@@ -211,10 +209,11 @@ def draw_space(
         draw_edges(model, model.nodes, ax, lw=0.7)
         places = model.nodes
     if parts and not is_plane(seen):
-        a, b, c = seen.x[np.concatenate([p[:, :3] for p in parts])].swapaxes(0, 1)
-        turn(np.cross(b - a, c - a), ax)
+        ax.view_init(*find_view(_outward(seen, parts))[0])
     if arrows:
-        _slip(seen, places, ax, limits)
+        ax.quiver(*_arrows(seen, places, limits), color=style.SHEAR, lw=0.8, zorder=4)
+        # By depth matplotlib would hide arrows that lie in the facets.
+        ax.computed_zorder = False
     box_in_space(places, ax)
     if quantity == "status":
         zones = style.status_handles(seen.status)
@@ -232,26 +231,24 @@ def draw_space(
     return ax
 
 
-def _slip(
-    seen: DrawnContacts, places: Floats, ax: Axes3D, limits: tuple[float, float] | None
-) -> None:
+def _outward(seen: DrawnContacts, parts: list[Ints]) -> Floats:
+    """Normals of the facets times their areas, of a flat surface none."""
+    a, b, c = seen.x[np.concatenate([p[:, :3] for p in parts])].swapaxes(0, 1)
+    return np.cross(b - a, c - a) * (0.0 if is_plane(seen) else 1.0)
+
+
+def _arrows(
+    seen: DrawnContacts, places: Floats, limits: tuple[float, float] | None
+) -> Floats:
+    """Tails and vectors of up to some 150 arrows of the slip, ``(6, arrows)``."""
     vectors = seen.vectors(closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
     largest = float(size.max(initial=0.0))
-    if largest == 0:
-        return
     moving = np.flatnonzero(size > 1e-3 * largest)
-    moving = moving[:: -(-len(moving) // 150)]
+    moving = moving[:: -(-len(moving) // 150) or 1]
     longest = 0.12 * np.ptp(places, axis=0).max()
-    ax.quiver(
-        *seen.x[moving].T,
-        *(vectors[moving] * longest / (largest if limits is None else limits[1])).T,
-        color=style.SHEAR,
-        lw=0.8,
-        zorder=4,
-    )
-    # By depth matplotlib would hide arrows that lie in the facets.
-    ax.computed_zorder = False
+    scale = longest / ((largest if limits is None else limits[1]) or 1.0)
+    return np.concatenate([seen.x[moving].T, scale * vectors[moving].T])
 
 
 def _pyvista(
@@ -266,7 +263,7 @@ def _pyvista(
     plotter: _Plotter = (
         pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
     )
-    values, name, unit, (low, high, _) = _values(seen, quantity, limits)
+    values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
     name = style.label(name, unit)
     parts = _polygons(seen)
     if not parts:
@@ -297,6 +294,8 @@ def _pyvista(
             "height": 0.7,
         }
         bar |= {"fmt": "%.3g", "color": "black", "title": name}
+        if extend in ("max", "both"):
+            bar["title"] = f"{name}\nmax {values.max():.3g}"
         plotter.add_mesh(
             surface, scalars=name, cmap="viridis", scalar_bar_args=bar, **look
         )
@@ -307,16 +306,13 @@ def _pyvista(
         outline = pv.PolyData(model.nodes, lines=lines)
         plotter.add_mesh(outline, color=style.QUIET, line_width=2)
     if arrows:
-        vectors = seen.vectors(closed_slip(seen))
-        largest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
-        if largest > 0:
-            longest = 0.12 * np.ptp(places, axis=0).max()
-            plotter.add_arrows(
-                seen.x, vectors, mag=longest / largest, color=style.SHEAR
-            )
+        tails, tips = _arrows(seen, places, limits).reshape(2, 3, -1).swapaxes(1, 2)
+        if tails.size:
+            plotter.add_arrows(tails, tips, mag=1.0, color=style.SHEAR)
+    if quantity != "status" and not values.any():
+        plotter.add_text(NOTHING[quantity], position="upper_edge", font_size=12)
     plotter.show_axes()
-    plotter.camera_position = "xz"
-    plotter.camera.azimuth = 30
-    plotter.camera.elevation = 25
-    plotter.camera.zoom(0.8)
+    # Last, when all is there to be seen.
+    plotter.view_vector(find_view(_outward(seen, parts))[1])
+    plotter.camera.zoom(0.95)
     return plotter

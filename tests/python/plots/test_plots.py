@@ -722,6 +722,9 @@ class Recorder:
     def add_legend(self, *what: Any, **look: Any) -> None:
         self.legend = what, look
 
+    def view_vector(self, towards: Any) -> None:
+        self.towards = towards
+
     def show_axes(self) -> None:
         """Nothing to record."""
 
@@ -756,8 +759,12 @@ def test_pyvista_is_given_the_surface(
     assert look["scalars"] == "slip in the step [mm]"
     assert len(outline.lines) == 3 * 12 * 7
     (((places, vectors), _),) = plotter.arrows
-    np.testing.assert_array_equal(places, model.points)
-    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), size)
+    # The longest arrow has 12 % of the size of the cube.
+    longest = 0.12 * np.ptp(model.nodes) / size.max()
+    np.testing.assert_array_equal(places, model.points[slips])
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), longest * size[slips])
+    # From the side of the pictures of matplotlib.
+    assert (np.sign(plotter.towards) == [1, -1, 1]).all()
     zones = plots.surface3d(model, result, "status", backend="pyvista", bodies=False)
     ((surface, look),) = zones.meshes
     assert set(surface.cell_data["status"]) <= {0.0, 1.0, 2.0}
