@@ -147,8 +147,8 @@ def deformed(
         draw_edges(model, model.nodes, ax, lw=0.8, ls="--")
         # Contact with an obstacle is in sight, contact between bodies is hidden anyway.
         rigid = np.array([contact.against is None for contact in model.contacts], bool)
-        view, _ = find_view(-model.frame[rigid[model.group], 0])
-        cast("Axes3D", ax).view_init(*view)
+        side, _ = find_view(-model.frame[rigid[model.group], 0])
+        cast("Axes3D", ax).view_init(*side)
     tails, longest = places[:0], 0.0
     if forces:
         view = _view(model, places, near, corners)
