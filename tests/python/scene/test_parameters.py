@@ -133,6 +133,12 @@ def test_formulas_stand_for_their_numbers() -> None:
     assert [r for r in formulas.check() if "no effect" in r] == [
         "mesh.n: has no effect, since no formula uses it"
     ]
+    whole = formulas.with_(**{"body.block.order": "N/4"})
+    assert whole.scene.body["block"].order == 2
+    with pytest.raises(
+        ValueError, match=r"body\.block\.order.*less than or equal to 2"
+    ):
+        formulas.with_(**{"body.block.order": "N"}).scene  # noqa: B018
     twice = formulas.with_(**{"parameter.F": 10.0, "contact.0.clearance": 0})
     assert twice.scene.traction[0].y.value == -100.0
     assert twice.scene.parameter["half"] == 5.0

@@ -150,7 +150,7 @@ class MeshFile(Table):
 
     file: str
     group: OneOrList[str, _Names] | None = None
-    order: Literal[1, 2] | None = None
+    order: Annotated[int, Field(ge=1, le=2)] | None = None
 
 
 class Block(Table):
@@ -169,7 +169,7 @@ class Block(Table):
     x: _Axis | None = None
     y: _Axis | None = None
     z: _Axis | None = None
-    order: Literal[1, 2] = 1
+    order: Annotated[int, Field(ge=1, le=2)] = 1
     plane: Literal["strain", "stress", "axisymmetric"] = "strain"
     thickness: Annotated[float, Field(gt=0)] = 1.0
     surface: dict[str, Place] = Field(default_factory=no_tables)
