@@ -123,10 +123,13 @@ def describe_contact(
     )
 
 
-def with_reason(error: NotIterativeError, reason: str) -> NotIterativeError:
-    """A copy of an error, with its fields and another reason."""
+def with_reason(
+    error: NotIterativeError, reason: str, engine: str = "iterative"
+) -> NotIterativeError:
+    """A copy of an error of an engine, with its fields and another reason."""
+    other = "direct" if engine == "iterative" else "iterative"
     text = (
-        f"engine 'iterative' cannot solve this problem: {reason}. Use engine='direct'"
+        f"engine {engine!r} cannot solve this problem: {reason}. Use engine={other!r}"
     )
     made = with_message(error, text)
     made.reason = reason

@@ -9,7 +9,9 @@ from scipy.sparse import csr_array
 
 import bipot_rs._core as _core
 from bipot_rs._lib.machine import available
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
+from bipot_rs.contact.errors import NotIterativeError, describe_contact, with_reason
 from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.petsc import own_rows, tuning
@@ -91,19 +93,26 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     loose = check_holding(comm, rows, local, bodies, bring, d, holding, by_contact)
     blocks = interface.gather_own(_read_blocks(rows, interface, d))
     del rows, local
-    variables = do_together(
-        comm,
-        lambda: _core.ContactVariables(
-            (contact.indptr, contact.indices, contact.data),
-            given.contacts.gap_by_component,
-            given.contacts.law,
-            position,
-            len(given.fixed),
-            blocks.reshape(-1, d * d),
-            body_of_place[::d].copy(),
-            supported.astype(np.int64),
-        ),
-    )
+
+    def make_variables() -> _core.ContactVariables:
+        try:
+            return _core.ContactVariables(
+                (contact.indptr, contact.indices, contact.data),
+                given.contacts.gap_by_component,
+                given.contacts.law,
+                position,
+                len(given.fixed),
+                blocks.reshape(-1, d * d),
+                body_of_place[::d].copy(),
+                supported.astype(np.int64),
+            )
+        except NotIterativeError as error:
+            x, i = given.contacts.x, error.contact
+            where = "" if x is None or i is None else f" at {place(x[i])}"
+            reason = error.reason if i is None else describe_contact(error, where)
+            raise with_reason(error, reason, "petsc") from None
+
+    variables = do_together(comm, make_variables)
     operator = Operator(K, variables, interface, fixed, d, library.PETSc)
     solver = _make_solver(operator, motions, given.gather, loose=loose)
     # Without coordinates it is not known which rotations are soft. A body that contact alone

@@ -35,6 +35,31 @@ def test_a_support_oblique_to_a_contact_is_taken_and_named() -> None:
         "that is neither its normal nor a tangent"
     )
     assert str(named).endswith(". Use engine='direct'")
+    assert str(model.name_cause(refused, "petsc")).endswith(". Use engine='iterative'")
+
+
+@pytest.mark.parametrize("plane", [True, False])
+def test_an_inclined_plane_of_symmetry_is_named_before_a_support(plane: bool) -> None:
+    """Mortar reaches over supported nodes, which do not hold the contact obliquely."""
+    turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+
+    def turned_box(name: str, low: float, cells: int) -> fem.Body:
+        axes = [np.linspace(0.0, 1.0, cells + 1)] * 2
+        box: Any = fem.box([*axes, np.linspace(low, low + 0.5, 2)], "hexahedron")
+        made = type(box)(turn @ box.p, box.t, box.boundaries)
+        return fem.Body(name, made, fem.Material(*STEEL))
+
+    bodies = [turned_box("low", 0.0, 2), turned_box("up", 0.5, 3)]
+    contact = fem.Contact("up", "bottom", 0.3, against=("low", "top"), pairing="mortar")
+    held = [fem.Support("low", "left", (0, 1, 2)), fem.Support("up", "top", (2,))]
+    planes = [fem.Symmetry(body.name, "front") for body in bodies if plane]
+    model = fem.assemble(bodies, [contact], held, symmetries=planes)
+    at_corner = int(np.argmin(np.abs(model.points[:, :2]).sum(axis=1)))
+    refused = NotIterativeError("")
+    refused.contact, refused.oblique = at_corner, True
+    reason = getattr(model.name_cause(refused), "reason", "")
+    expected = "a plane of symmetry that is not" if plane else "support 'low.left'"
+    assert reason.startswith(f"{expected}"), reason
 
 
 def test_an_undecided_motion_names_body_axis_and_slender_cell() -> None:

@@ -423,7 +423,7 @@ class Assembly:
         except ValueError as error:
             raise self.name_cause(error) from None
 
-    def name_cause(self, error: ValueError) -> ValueError:
+    def name_cause(self, error: ValueError, engine: str = "iterative") -> ValueError:
         """The error of a problem with the support, the body and the cells that caused it."""
         # Only for a failure: SciPy's solvers take longer to import than a small job.
         from bipot_rs.contact.stiffness.digits import describe_soft
@@ -436,7 +436,7 @@ class Assembly:
             of = self.contacts[int(self.group[contact])]
             where = f" of '{of.body}.{of.surface}' at {place(self.points[contact])}"
             support = self._find_support(contact) or "a support"
-            return with_reason(error, describe_contact(error, where, support))
+            return with_reason(error, describe_contact(error, where, support), engine)
         dof = getattr(error, "dof", None)
         if getattr(error, "kind", "") != "few_digits" or dof is None:
             return error
@@ -464,6 +464,8 @@ class Assembly:
         """``support 'body.surface'`` for a support of the nodes of a contact."""
         rows = self.dim * contact + np.arange(self.dim)
         dofs = self.B[rows].indices
+        if self.inclined is not None and self.inclined.normals[dofs].nnz:
+            return "a plane of symmetry that is not normal to an axis"
         for support, components in zip(self.supports, self.support_dofs, strict=True):
             if any(np.isin(dofs, held).any() for held in components):
                 surface = "" if support.surface is None else f".{support.surface}"

@@ -95,7 +95,7 @@ class DistributedProblem:
             # Meshes and supports are the same on all ranks, and so is what they say.
             problems = list(describe_free_bodies(model, rough=True))
             if not problems and isinstance(error, NotIterativeError):
-                raise model.name_cause(error) from None
+                raise model.name_cause(error, "petsc") from None
             if not problems:
                 raise
             raise FloatingBodyError("; ".join(problems)) from error
