@@ -355,6 +355,24 @@ def test_numbering_of_a_rigid_set() -> None:
         )
 
 
+def test_a_load_on_a_supported_node_is_named_with_its_place() -> None:
+    """As `*CLOAD` of a deck becomes one: a set of one node, which does not turn."""
+    at = [0.0, 0.0, 1.0]
+    within = {axis: (x, x) for axis, x in enumerate(at)}
+    remote = Remote("node", "it", within=within, rotations=(0, 1, 2))
+    (warning,) = inspect(
+        fem.assemble(
+            [block("hexahedron", 2)],
+            [],
+            [Support("it", "bottom", (0, 1, 2)), Support("it", "top", (1,), at=at)],
+            remotes=[remote],
+        )
+    )
+    assert warning.startswith(
+        "a support holds the node at (0, 0, 1) in 1 of 3 directions: what 'node' loads"
+    )
+
+
 def test_supports_on_nodes_of_a_rigid_set_hold_it() -> None:
     """Three nodes held in three directions, 3-2-1: the set can only stay."""
     body = block("hexahedron", 2)

@@ -257,15 +257,24 @@ def _determined(model: Assembly) -> Iterator[str]:
         return
     for one in model.references:
         dofs = np.concatenate([one.dofs, one.turns])
-        rows = model.ties.within[dofs[np.isin(dofs, model.ties.dependent)]]
-        held = int(
-            np.unique(rows.tocoo().row[rows.tocoo().col < model.nodes.size]).size
+        rows = model.ties.within[dofs[np.isin(dofs, model.ties.dependent)]].tocoo()
+        of_nodes = rows.col < model.nodes.size
+        held = len(np.unique(rows.row[of_nodes]))
+        nodes = np.unique(rows.col[of_nodes] // model.dim)
+        many = (
+            f"supports on nodes of the rigid set {one.name!r} determine {held} of the "
+            f"{len(dofs)} components of its motion: loads at its point act on these "
+            "supports; exclude the nodes by within if the set should move"
         )
         if held:
             yield (
-                f"supports on nodes of the rigid set {one.name!r} determine {held} of the "
-                f"{len(dofs)} components of its motion: loads at its point act on these "
-                "supports; exclude the nodes by within if the set should move"
+                many
+                if len(nodes) > 1
+                else (
+                    f"a support holds the node at {place(model.nodes[nodes[0]])} in {held} of "
+                    f"{model.dim} directions: what {one.name!r} loads along them acts on the "
+                    "support alone; load another node, or remove these components of the support"
+                )
             )
 
 
