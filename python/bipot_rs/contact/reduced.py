@@ -33,6 +33,7 @@ from bipot_rs.contact.errors import (
 from bipot_rs.contact.law.contact_law import ContactLaw, project
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
+from bipot_rs.contact.proof.equilibrium import name_friction
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.core_answer import find_opening, make_solution
 from bipot_rs.contact.results.error_bound import ErrorBound, read_error_bound
@@ -644,6 +645,7 @@ class ReducedProblem:
             direction = self._move_contacts(core.free_motion)
             opening = find_opening(core.outcome, self.mu)
             words = self._describe_motion(core.free_motion, direction, opening)
+            words = f"{words}, {name_friction(self.mu)}"
         inquiry = _ReducedInquiry(self, method, max_seconds)
         return make_solution(core, free_motion_text=words, inquiry=inquiry)
 

@@ -49,6 +49,10 @@ class Direct:
         """Each rigid motion at the contacts, as a row."""
         return self.core.modes()
 
+    def load_motions(self, load: Floats, prescribed: Floats) -> Floats:
+        """The work of total loads on each rigid motion."""
+        return self.core.free_part(load, prescribed)[2]
+
     def with_gap(self, gap: Floats) -> Direct:
         """The same problem with other gaps."""
         return Direct(self.core.with_gap(gap))

@@ -87,6 +87,9 @@ class Engine(Protocol):
     def modes(self) -> Floats:
         """Each rigid motion at the contacts, as a row."""
 
+    def load_motions(self, load: Floats, prescribed: Floats, /) -> Floats:
+        """The work of total loads on each rigid motion."""
+
     def with_gap(self, gap: Floats, /) -> Engine:
         """The same problem with other gaps."""
 

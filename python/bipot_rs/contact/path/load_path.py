@@ -44,6 +44,7 @@ from bipot_rs.contact.path.moving_gaps import (
     list_components,
     rotate,
 )
+from bipot_rs.contact.proof.equilibrium import describe_friction, name_friction
 from bipot_rs.contact.results.core_answer import find_opening, make_step
 from bipot_rs.contact.results.derivatives import PathDerivatives
 from bipot_rs.contact.results.latches import Latches
@@ -384,6 +385,13 @@ class PathSolver:
         if step.free_motion is not None:
             modes, d = self.path.engine.modes(), self._contacts.d
             direction = motion.move_contacts(modes, step.free_motion, d)
+            friction = name_friction(self._contacts.law.mu)
+            load, moved, bolts = step.load, step.prescribed, self._problem.latches
+            if none and load is not None and moved is not None and bolts is None:
+                e = self.path.engine.load_motions(load, moved)
+                friction = describe_friction(modes.T, e, self._bond.weakened, d)
+            text = f"{step.free_motion_text}, {friction}"
+            step = replace(step, free_motion_text=text)
         return self.add_steps(
             (NoEquilibriumError if none else NotConvergedError)(
                 step.message, None, direction
@@ -467,16 +475,13 @@ class PathSolver:
             tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
             for i in range(contacts)
         ]
-        mu = np.unique(self._contacts.law.mu)
-        friction = f" with mu = {mu[0]:g}" + (f" to {mu[-1]:g}" if len(mu) > 1 else "")
-        words = motion.describe_motion(
+        return motion.describe_motion(
             motion.move_contacts(modes, amounts, d),
             find_opening(step.outcome, self._contacts.law.mu),
             points=self._contacts.x,
             frame=self._contacts.frame if moving is None else moving.frame,
             bodies=meeting,
         )
-        return f"{words},{friction}"
 
 
 def _subtract_spent(settings: Settings, spent: Step) -> Settings:

@@ -7,7 +7,7 @@ section 10 of ``docs/theory.md``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -27,6 +27,9 @@ Solve = Callable[[float, "Solution | None"], "Solution | None"]
 Verdict = Literal["balanced", "none", "undecided"]
 # Solves of a search for the largest multiplier.
 _STEPS = 16
+# The search for the friction that could hold: most contacts, the largest factor on the
+# coefficients, and the ratio of the limits at its end, which takes ten programmes.
+_MOST_CONTACTS, _LARGEST_FACTOR, _CLOSE = 500, 100.0, 1.005
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,6 +163,36 @@ def read_decision(
         motion=motion,
         excluded=decision.excluded,
     )
+
+
+def name_friction(mu: Floats) -> str:
+    """The friction coefficients: ``with mu = 0.1 to 0.3``."""
+    low, high = f"{mu.min():g}", f"{mu.max():g}"
+    return f"with mu = {low}" if low == high else f"with mu = {low} to {high}"
+
+
+def describe_friction(R: Any, load: Floats, law: ContactLaw, d: int) -> str:
+    """The friction of a reduced problem whose verdict is "none", and which one could hold.
+
+    ``R (d n_c, k)``, ``load (k,)``: its motions, and the loads on them.
+    """
+    words, low, high = name_friction(law.mu), 1.0, _LARGEST_FACTOR
+
+    def judge(factor: float) -> str:
+        stronger = replace(law, mu=factor * law.mu)
+        return make_statics(R, stronger, len(law.mu), d).decide(load).verdict
+
+    if not law.mu.any() or len(law.mu) > _MOST_CONTACTS:
+        return words
+    if (verdict := judge(high)) != "balanced":
+        without = "; no friction could balance the loads"
+        return words + (without if verdict == "none" else "")
+    while high > _CLOSE * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if judge(middle) == "balanced" else (middle, high)
+    alike = law.mu.min() == law.mu.max()
+    least = f"mu = {high * law.mu.max():.3g}" if alike else f"{high:.3g} times as much"
+    return f"{words}; contact could balance the loads from {least} on"
 
 
 def read_limit(

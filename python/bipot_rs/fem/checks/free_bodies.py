@@ -17,9 +17,11 @@ import bipot_rs._core as _core
 from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.errors import FloatingBodyError
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.frames import turn_operator
 from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.contact.path.moving_gaps import MovingGaps
+from bipot_rs.contact.proof.equilibrium import describe_friction
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results.solution import describe_not_carried
 from bipot_rs.fem.assembly.assembly import Assembly
@@ -310,7 +312,9 @@ def describe_unbalanced(
             moved / np.linalg.norm(moved),
         )
         whose = f"body {model.bodies[0].name!r}, " if count == 1 else ""
-        reason = describe_not_carried(whose + "; ".join(words))
+        law, d = ContactLaw(model.mu), model.dim
+        friction = describe_friction(np.asarray(B @ motions), before, law, d)
+        reason = describe_not_carried(f"{whose}{'; '.join(words)}, {friction}")
         return f"load step {k + 1} of {len(resultants)}: {reason}"
     return None
 

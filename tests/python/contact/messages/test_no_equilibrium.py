@@ -3,6 +3,7 @@
 import contextlib
 import math
 import pickle
+import re
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,26 @@ def in_dual_cone(direction: Array | None, mu: Array | float) -> bool:
     assert np.linalg.norm(direction, axis=1).max() == pytest.approx(1, rel=1e-12)
     slip = np.linalg.norm(direction[:, 1:], axis=1)
     return bool((direction[:, 0] - mu * slip >= -1e-8).all())
+
+
+@pytest.mark.parametrize("shear", [[1.5], [-30.0], [0.8, -0.9]], ids=str)
+@pytest.mark.parametrize("press", [2.0, -2.0, 0.0])
+def test_the_message_says_which_friction_could_hold(
+    shear: list[float], press: float
+) -> None:
+    """A block on a plane: friction holds from the ratio of the forces, or never."""
+    dim = len(shear) + 1
+    body = block((3, 2, 1) if dim == 3 else (3, 1), (2, 2, 2)[:dim], 10.0, 0.0)
+    told = str(refused(body, uniform_shear(body, press, shear), 0.3))
+    assert "with mu = 0.3; " in told
+    if press <= 0:
+        assert "; no friction could balance the loads; add a support" in told
+        return
+    found = re.search(r"could balance the loads from mu = ([\d.]+) on; add", told)
+    assert found is not None
+    # The search ends within half a per cent above, of which three digits are printed.
+    ratio = float(found[1]) / (math.hypot(*shear) / press)
+    assert 0.995 < ratio < 1.011
 
 
 @pytest.mark.parametrize(
