@@ -373,7 +373,7 @@ def find_ellipticity(
     slip = length(end.flow[:, 1:])
     shifted = None if rate is None else Rate(rate.hardening, rate.before - slip)
     end = points.respond(_SHORT * end.flow, end.stress, rate=shifted)
-    found = np.ones(len(points.weights))
+    least = np.ones(len(points.weights))
     yields = length(end.flow) > 0
     if points.components.shape[1] == 6 and yields.any():
         X, M = points.components, points.springs[yields]
@@ -382,8 +382,8 @@ def find_ellipticity(
         )
         elastic = np.einsum("ki,mk,kj->mij", X, M, X)
         plane = not X[:, 3:5].any()
-        found[yields] = _find_least(tangent, plane) / _find_least(elastic, plane)
-    return found.reshape(points.shape)
+        least[yields] = _find_least(tangent, plane) / _find_least(elastic, plane)
+    return least.reshape(points.shape)
 
 
 def _find_least(tangent: Floats, plane: bool) -> Floats:

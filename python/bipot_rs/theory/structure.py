@@ -160,8 +160,10 @@ class Structure:
         self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(int).tolist()
         self.soils = tuple(soils)
         self.n = n = self.first.pop() or _count_columns(self.soils)
-        own = sum(sizes[: len(matrices)])
-        blocks = sparse.block_diag([*matrices, sparse.csr_array((n - own, n - own))])
+        of_bodies = sum(sizes[: len(matrices)])
+        blocks = sparse.block_diag(
+            [*matrices, sparse.csr_array((n - of_bodies, n - of_bodies))]
+        )
         self.K: CsrMatrix = sparse.csr_array(blocks)
         starts = iter(self.first[len(matrices) :])
         self._placed = [(s, next(starts)) for s in self.soils if isinstance(s, Soil)]

@@ -106,16 +106,16 @@ class LinearPath:
             for step in steps
         ]
         last = dict(zip(keys, steps, strict=True))
-        found = {
+        by_key = {
             key: response or self._make_response(step, iterative)
             for key, step in last.items()
         }
-        self.responses = [found[key] for key in keys]
+        self.responses = [by_key[key] for key in keys]
         order = max(
             len(one.members) * self.shape[1] + one.motions
             if isinstance(one, CondensedResponse)
             else 0
-            for one in found.values()
+            for one in by_key.values()
         )
         self.kept = 8 * order**2 * (1 + len(steps)) <= tuning.KEPT_BYTES
         self._linear: dict[int, LinearisedStep] = {}

@@ -223,8 +223,8 @@ class Backward:
             carried = pulled[:, 1:] - of_slip
             lifted = lifted + pulled[:, 0]
             if latches is not None and tightened is not None:
-                own = self._find_prescribed(k, self._solve_adjoint(k, k + 1))
-                kept = np.where(tightened, 0.0, own[0, latches.dofs] + kept)
+                by_support = self._find_prescribed(k, self._solve_adjoint(k, k + 1))
+                kept = np.where(tightened, 0.0, by_support[0, latches.dofs] + kept)
 
     def _find_free_part(self, k: int, v: Floats) -> tuple[Floats, Floats]:
         """``W v + B K⁻¹ u`` of the cotangents, and their work on rigid motions."""
@@ -276,10 +276,12 @@ class Backward:
         force = (path.model.contact.T @ pushed.T).T
         if self._displacement is not None:
             force = force + self._displacement[part]
-        found = np.zeros(force.shape)
+        derivatives = np.zeros(force.shape)
         at = path.list_fixed(first)
-        found[:, at] = force[:, at] - (self._find_stiffness(first) @ load.T).T[:, at]
-        return found
+        derivatives[:, at] = (
+            force[:, at] - (self._find_stiffness(first) @ load.T).T[:, at]
+        )
+        return derivatives
 
     def stiffness(self, load: Floats) -> CsrMatrix:
         """Derivatives by the entries of K, from the adjoint displacements."""

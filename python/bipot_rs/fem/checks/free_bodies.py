@@ -98,14 +98,14 @@ def list_unsupported(model: Assembly) -> list[str]:
 
 def list_supports(model: Assembly, modes: Floats) -> list[Floats]:
     """Displacements of supports and forces of springs by rigid motions, as rows."""
-    found = [modes[_list_prescribed(model)]]
+    rows = [modes[_list_prescribed(model)]]
     if model.inclined is not None:
-        found.append(np.asarray(model.inclined.normals.T @ modes[: model.nodes.size]))
+        rows.append(np.asarray(model.inclined.normals.T @ modes[: model.nodes.size]))
     if model.ties is not None:
-        own = model.ties.dependent
-        found.append(modes[own] - model.ties.within[own] @ modes)
+        dependent = model.ties.dependent
+        rows.append(modes[dependent] - model.ties.within[dependent] @ modes)
     return [
-        *found,
+        *rows,
         *(_measure_springs(model, spring, modes) for spring in model.springs),
     ]
 
@@ -241,12 +241,12 @@ def describe_motions(
     for amounts in rest.T:
         parts = []
         for at, b in enumerate(members):
-            own = np.zeros(len(amounts))
-            own[at * per_body : (at + 1) * per_body] = amounts[
+            amounts_of_body = np.zeros(len(amounts))
+            amounts_of_body[at * per_body : (at + 1) * per_body] = amounts[
                 at * per_body : (at + 1) * per_body
             ]
             numbered = model.numbered[model.bodies[b].name]
-            field = (modes @ own)[numbered.span].reshape(-1, d)
+            field = (modes @ amounts_of_body)[numbered.span].reshape(-1, d)
             if length(field).max() <= _FREE:
                 continue
             words_of = rigid_motion_names.describe_motion(

@@ -74,7 +74,7 @@ def inspect(
         supports on their nodes determine; a Young's modulus, size or loads that seem to use
         different units.
     """
-    found = [
+    warnings = [
         *_penetrating(model),
         *_facing_away(model),
         *_without_friction(model, prescribed),
@@ -83,10 +83,12 @@ def inspect(
         *_units(model),
     ]
     if load is not None or prescribed is not None:
-        found += _far(model, load, prescribed)
+        warnings += _far(model, load, prescribed)
     if load is not None:
-        found += _overloaded(model, floats("load", load) - floats("strained", strained))
-    return found
+        warnings += _overloaded(
+            model, floats("load", load) - floats("strained", strained)
+        )
+    return warnings
 
 
 def _size(model: Assembly) -> float:
@@ -164,10 +166,10 @@ def _slides(model: Assembly, prescribed: ArrayLike | None) -> Bools:
     moved = np.zeros(model.n)
     moved[model.fixed] = np.abs(values).max(axis=0, initial=0.0)
     along = (abs(model.B) @ moved).reshape(-1, model.dim)[:, 1:]
-    found = along.any(axis=1)
+    driven = along.any(axis=1)
     if model.moving is not None:
-        found |= list_components(model.moving)[:, :, 1:].any(axis=(0, 2))
-    return np.asarray(found, np.bool_)
+        driven |= list_components(model.moving)[:, :, 1:].any(axis=(0, 2))
+    return np.asarray(driven, np.bool_)
 
 
 def _far(

@@ -204,36 +204,36 @@ class ParameterGradient:
         """
         if self._model.dim == 3 or self._model.numbered.axisymmetric:
             raise ValueError("bodies in space and of revolution have no thickness")
-        found = {}
+        thickness = {}
         for b, body in enumerate(self._model.bodies):
-            own = 0.0
+            derivative = 0.0
             moments = self._integrals[b].moments
             for material, moment in zip(body.materials, moments, strict=True):
                 # Initial strains are within the moment.
-                own -= float(np.sum(moment * elasticity(material, 2)))
+                derivative -= float(np.sum(moment * elasticity(material, 2)))
             for value, (load, _, owner) in zip(
                 self.load_factor, self._loads_of(), strict=True
             ):
-                own += value if owner == b and load.strain is None else 0.0
+                derivative += value if owner == b and load.strain is None else 0.0
             for spring, parts in zip(self._model.springs, self.springs, strict=True):
                 if spring.body == body.name:
-                    own += sum(
+                    derivative += sum(
                         float(np.sum(np.multiply(getattr(spring, name), part)))
                         for name, part in parts.items()
                         if getattr(spring, name) is not None
                     )
-            found[body.name] = own / body.depth
-        return found
+            thickness[body.name] = derivative / body.depth
+        return thickness
 
     @cached_property
     def load_factor(self) -> Floats:
         """Of a factor common to all steps of each of ``loads``, ``(loads,)``."""
-        found = np.zeros(len(self._loads))
+        factors_of_loads = np.zeros(len(self._loads))
         for i, (load, factors, b) in enumerate(self._loads_of()):
-            own = load.forces(self._model.bodies[b]).reshape(-1, self._model.dim)
+            forces = load.forces(self._model.bodies[b]).reshape(-1, self._model.dim)
             weighted = self._of_body(b, factors @ self._lambda)
-            found[i] = np.sum(own * weighted)
-        return found
+            factors_of_loads[i] = np.sum(forces * weighted)
+        return factors_of_loads
 
     @cached_property
     def initial_strain(self) -> list[Floats | None]:
@@ -242,10 +242,10 @@ class ParameterGradient:
         None for loads of another kind. If the load names volumes, the strain is added in
         these.
         """
-        found: list[Floats | None] = []
+        strains: list[Floats | None] = []
         for load, factors, b in self._loads_of():
             if load.strain is None:
-                found.append(None)
+                strains.append(None)
                 continue
             body, d = self._model.bodies[b], self._model.dim
             where = np.ones(len(body.cells), np.bool_)
@@ -256,13 +256,13 @@ class ParameterGradient:
             nodal = self._of_body(b, factors @ self._lambda)
             slope = gradient_at_points(body, nodal)
             weights = body.depth * body.volume().weights
-            own = np.zeros((3, 3))
+            derivative = np.zeros((3, 3))
             for m, material in enumerate(body.materials):
                 here = where & (body.material_of_cells == m)
                 total = np.einsum("kapq,pq->ka", slope[:, :, here], weights[here])
-                own += np.einsum("abcd,ab->cd", elasticity(material, d), total)
-            found.append(own)
-        return found
+                derivative += np.einsum("abcd,ab->cd", elasticity(material, d), total)
+            strains.append(derivative)
+        return strains
 
     @cached_property
     def springs(self) -> list[dict[str, float | Floats]]:
@@ -314,7 +314,7 @@ class ParameterGradient:
         ]
 
     def _rigid(self, meets: Meets) -> Floats:
-        found = meets.at_rigid()
+        derivative = meets.at_rigid()
         if self._model.inclined is not None and np.any(
             np.abs(meets.frame[:, 0] - meets.frame[:1, 0]) > 0
         ):
@@ -322,7 +322,7 @@ class ParameterGradient:
                 "the model has inclined planes of symmetry and a curved obstacle: the "
                 "derivative of B is not available"
             )
-        return found
+        return derivative
 
     @cached_property
     def clearance(self) -> list[Floats]:
@@ -347,10 +347,10 @@ class ParameterGradient:
                 relative[k][:, has] += sign * field[:, dofs]
         rows = np.einsum("kci,kcj->cij", self._reaction, relative[0])
         rows += np.einsum("kci,kcj->cij", self._gap, relative[1])
-        own = [np.flatnonzero(model.group == i) for i in range(len(model.contacts))]
+        members = [np.flatnonzero(model.group == i) for i in range(len(model.contacts))]
         return [
             Meets(c, model.points[at], model.frame[at], self._gap[:, at], rows[at])
-            for c, at in zip(model.contacts, own, strict=True)
+            for c, at in zip(model.contacts, members, strict=True)
         ]
 
     @cached_property
@@ -379,19 +379,19 @@ class ParameterGradient:
         refuse_moving_nodes(model.contacts)
         for load, _ in self._loads:
             _refuse_function(load)
-        found = np.zeros_like(model.nodes)
+        moved = np.zeros_like(model.nodes)
         for b, body in enumerate(model.bodies):
-            own = self._of_body(b, found.reshape(-1))
-            own -= self._cells(b)
+            of_body = self._of_body(b, moved.reshape(-1))
+            of_body -= self._cells(b)
             for load, factors, owner in self._loads_of():
                 if owner == b and load.surface is not None:
-                    own += self._surface(b, load, factors)
+                    of_body += self._surface(b, load, factors)
             for spring in model.springs:
                 if spring.body == body.name:
-                    own -= self._foundation(b, spring)
+                    of_body -= self._foundation(b, spring)
         for i, meets in enumerate(self._meets):
-            self._add_contact(found, meets, np.flatnonzero(model.group == i))
-        return found
+            self._add_contact(moved, meets, np.flatnonzero(model.group == i))
+        return moved
 
     def _cells(self, b: int) -> Floats:
         """Derivative of ``λᵀ (K u - f)``, as far as it is over cells, ``(nodes, d)``."""
