@@ -1,4 +1,4 @@
-"""Rigid motions of points, and diagonal matrices."""
+"""Lengths and directions of vectors, rigid motions of points, and diagonal matrices."""
 
 from __future__ import annotations
 
@@ -7,6 +7,17 @@ from scipy import sparse
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import CsrMatrix, Floats
+
+
+def length(x: Floats) -> Floats:
+    """Euclidean norm along the last axis."""
+    return np.asarray(np.linalg.norm(x, axis=-1))
+
+
+def direction(x: Floats) -> Floats:
+    """``x/|x|`` along the last axis, zero where ``x`` is zero."""
+    size = length(x)[..., None]
+    return np.asarray(np.divide(x, size, out=np.zeros_like(x), where=size > 0))
 
 
 def rigid_motions(arm: Floats, reach: float = 1.0) -> Floats:

@@ -61,8 +61,3 @@ def check_direction(what: str, value: object, dim: int | None = None) -> Floats:
         raise ValueError(f"{what} is zero, expected a direction")
     vector = vector / size
     return np.asarray(vector / np.linalg.norm(vector), np.float64)
-
-
-def length(values: Floats) -> Floats:
-    """Lengths of vectors ``(..., d)``."""
-    return np.asarray(np.linalg.norm(values, axis=-1), np.float64)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.matrices import length
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import callback, floats, number, show_value
@@ -27,7 +28,6 @@ from bipot_rs.obstacle.protocol import (
     Obstacle,
     check_direction,
     check_points,
-    length,
 )
 from bipot_rs.obstacle.triangulated import Surface
 from bipot_rs.obstacle.tuning import (

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.matrices import direction, length
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Bools, Floats, Integers, Ints
 from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.obstacle.facet_tree import FacetTree
-from bipot_rs.obstacle.protocol import Closest, check_points, length
+from bipot_rs.obstacle.protocol import Closest, check_points
 from bipot_rs.obstacle.tuning import POINTS_AT_ONCE
 
 # A facet thinner than this fraction of its longest edge has no normal.
@@ -304,7 +305,7 @@ class Surface:
         x = self._x[corners]
         to = np.roll(x, -1, axis=1) - x
         # Outwards in the plane of the facet, orthogonal to the edge.
-        aside = _units(np.cross(to, normal[:, None]))
+        aside = direction(np.cross(to, normal[:, None]))
         sums, sheet = _sums(edge, normal[owner], aside.reshape(-1, 3), len(pairs))
         self._pseudo[:, 1:4] = sums[edge].reshape(k, 3, 3)
         self._sheet[:, 1:4] = sheet[edge].reshape(k, 3)
@@ -314,7 +315,9 @@ class Surface:
         angle = np.arctan2(length(np.cross(to, fro)), np.einsum("kcd,kcd->kc", to, fro))
         weighted = angle[:, :, None] * normal[:, None]
         # The mean direction over the angle of a corner is along its bisector.
-        middle = _units(_units(to) + _units(fro)) * np.sin(angle / 2)[:, :, None]
+        middle = (
+            direction(direction(to) + direction(fro)) * np.sin(angle / 2)[:, :, None]
+        )
         sums, sheet = _sums(
             corners.ravel(),
             weighted.reshape(-1, 3),
@@ -339,7 +342,7 @@ class Surface:
                 f"segments of the surface that meet at {place(self._x[at])} have normals "
                 "on different sides: each segment must start where the one before ends"
             )
-        ends = _units(self._x[corners[:, 1]] - self._x[corners[:, 0]])
+        ends = direction(self._x[corners[:, 1]] - self._x[corners[:, 0]])
         sums, sheet = _sums(
             corners.ravel(),
             np.repeat(self._normal, 2, axis=0),
@@ -399,19 +402,11 @@ def _sums(
         size = np.bincount(to, length(vectors), minlength=count)
         # The sum of opposite vectors is rounding, with an arbitrary direction.
         total[length(total) <= _CANCELS * size] = 0.0
-        return _units(total)
+        return direction(total)
 
     normals = summed(values)
     sheet = (normals == 0).all(axis=1, keepdims=True)
     return np.where(sheet, summed(outwards), normals), sheet.ravel()
-
-
-def _units(vectors: Floats) -> Floats:
-    """Scale vectors ``(..., d)`` to length 1; zero vectors stay."""
-    size = length(vectors)[..., None]
-    return np.asarray(
-        np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0), np.float64
-    )
 
 
 def _nearest_in_cone(normals: Floats, direction: Floats, otherwise: Floats) -> Floats:

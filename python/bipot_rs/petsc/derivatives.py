@@ -73,14 +73,11 @@ class DistributedResponse(PathResponse):
 
         Raises `Stalled`: one of them determines nothing.
         """
-        d = laws.by_r.shape[1]
-        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
-        core = _core.LinearisedLaws.of(
-            self._operator.variables, laws.contacts, by_r, by_v
-        )
+        core = _core.LinearisedLaws.of(self._operator.variables, *laws.parts)
         if core is None:
             raise Stalled
-        return _IterativeSystem(self._engine, core, (len(laws.contacts), d))
+        shape = len(laws.contacts), laws.by_r.shape[1]
+        return _IterativeSystem(self._engine, core, shape)
 
     def find_relative_motion(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.matrices import direction, length
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.law.contact_law import project
 
@@ -23,17 +24,6 @@ ROUNDING = 16 * float(np.finfo(np.float64).eps)
 def dot(x: Floats, y: Floats) -> Floats:
     """``x·y`` along the last axis."""
     return np.asarray(np.einsum("...i,...i->...", x, y))
-
-
-def length(x: Floats) -> Floats:
-    """Euclidean norm along the last axis."""
-    return np.asarray(np.linalg.norm(x, axis=-1))
-
-
-def direction(x: Floats) -> Floats:
-    """``x/|x|`` along the last axis, zero where ``x`` is zero."""
-    size = length(x)[..., None]
-    return np.asarray(np.divide(x, size, out=np.zeros_like(x), where=size > 0))
 
 
 def within(lack: Floats, size: Floats) -> Bools:

@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.matrices import direction
 from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, floats, number, vectors
 from bipot_rs.contact.proof.existence import make_dense
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.theory.convex import direction
 
 
 class Verdict(NamedTuple):
@@ -68,13 +68,7 @@ def coupled(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
         A wrong argument; ``size`` is smaller than a normal reaction; ``t`` is outside the
         cones by more than rounding.
     """
-    t, v, mu = _pair(t, v, mu)
-    limit = _check_bound(
-        "size", size, float(t[:, 0].max(initial=0.0)), "normal reaction"
-    )
-    _in_cone(t, mu)
-    worst = np.zeros_like(t)
-    worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
+    t, v, mu, worst = _press(t, v, mu, size)
     worst[:, 1:] = -(mu * worst[:, 0])[:, None] * direction(v[:, 1:])
     corrected = v.copy()
     corrected[:, 0] += mu * np.linalg.norm(v[:, 1:], axis=1)
@@ -147,13 +141,7 @@ def alternated(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdic
     TypeError, ValueError
         As `coupled`.
     """
-    t, v, mu = _pair(t, v, mu)
-    limit = _check_bound(
-        "size", size, float(t[:, 0].max(initial=0.0)), "normal reaction"
-    )
-    _in_cone(t, mu)
-    worst = np.zeros_like(t)
-    worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
+    t, v, mu, worst = _press(t, v, mu, size)
     worst[:, 1:] = -(mu * t[:, 0])[:, None] * direction(v[:, 1:])
     normal = v[:, 0] * (worst[:, 0] - t[:, 0])
     tangential = np.sum(v[:, 1:] * (worst[:, 1:] - t[:, 1:]), axis=1)
@@ -351,6 +339,20 @@ def _pair(t: ArrayLike, v: ArrayLike, mu: ArrayLike) -> tuple[Floats, Floats, Fl
     force = vectors("t", t)
     moved = floats("v", v, shape=force.shape)
     return force, moved, coulomb(mu, len(force))
+
+
+def _press(
+    t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """The arguments of `coupled`, checked, and the worst normal forces without friction."""
+    t, v, mu = _pair(t, v, mu)
+    limit = _check_bound(
+        "size", size, float(t[:, 0].max(initial=0.0)), "normal reaction"
+    )
+    _in_cone(t, mu)
+    worst = np.zeros_like(t)
+    worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
+    return t, v, mu, worst
 
 
 def _check_bound(what: str, value: float, least: float, of: str) -> float:

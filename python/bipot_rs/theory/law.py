@@ -23,14 +23,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.matrices import direction, length
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import by_contact, floats, integer, number, vectors
 from bipot_rs.contact.law.contact_law import project
 from bipot_rs.contact.results.result import Result
 from bipot_rs.theory.convex import (
-    direction,
     dot,
-    length,
     project_ball,
     project_cone,
     shrink,

@@ -20,13 +20,13 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.matrices import length
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import by_contact, coulomb, floats, positive, vectors
 from bipot_rs.contact.law.contact_law import project
 from bipot_rs.theory.convex import (
     dot,
     indicator,
-    length,
     project_ball,
     support_ball,
     within,

@@ -33,9 +33,10 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 import bipot_rs._core as _core
+from bipot_rs._lib.matrices import length
 from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import csr, floats, number
-from bipot_rs.theory.convex import dot, length, within
+from bipot_rs.theory.convex import dot, within
 
 
 class PointEnd(NamedTuple):

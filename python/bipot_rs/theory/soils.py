@@ -33,9 +33,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.matrices import direction, length
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.theory.convex import direction, indicator, length, project_cone, within
+from bipot_rs.theory.convex import indicator, project_cone, within
 from bipot_rs.theory.materials import positive_step
 
 # xx, yy, zz, then √2 times yz, xz, xy.

@@ -16,9 +16,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from bipot_rs._lib.matrices import length
 from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs.contact.path.bond import Bond
-from bipot_rs.theory.convex import dot, length
+from bipot_rs.theory.convex import dot
 from bipot_rs.theory.points import (
     PlasticPoints,
     PointEnd,

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bipot_rs._lib.matrices import length
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.law.status import Status
 
@@ -69,6 +70,12 @@ class Laws:
     by_mu: Floats  # (m, d, d - 1)
     by_rest: Floats  # (m, d, 2)
 
+    @property
+    def parts(self) -> tuple[Ints, Floats, Floats]:
+        """``contacts``, and ``by_r`` and ``by_v`` by rows ``(m d, d)``, as the core takes them."""
+        d = self.by_r.shape[1]
+        return self.contacts, self.by_r.reshape(-1, d), self.by_v.reshape(-1, d)
+
     def adjoint(self, w: Floats, mu: Floats) -> tuple[Floats, Floats]:
         """``Cᵀ w`` of multipliers ``w (n_c, d)``, and ``Mᵀ w`` shaped as ``mu`` (34)."""
         at, of_contacts = self.contacts, w[self.contacts]
@@ -94,7 +101,7 @@ def find_directions(point: Point, scale: Floats) -> Floats:
     D = np.where(point.friction > 0, point.friction, 1.0)
     of_slip = D * point.slip
     of_reaction = -point.reaction[:, 1:] / D
-    slips, pushes = _measure_length(of_slip), _measure_length(of_reaction)
+    slips, pushes = length(of_slip), length(of_reaction)
     rough = point.friction[:, 0] > 0
     # s / √w and r √w have the same unit.
     larger = rough & (pushes * scale**2 >= slips)
@@ -123,7 +130,7 @@ def linearise_laws(point: Point, side: Ints, direction: Floats, movable: Bools) 
     # Cohesion holds the tangents of an open contact, or limits its shear.
     apart = side[contacts] == Status.OPEN
     by_v[apart, 0, 0], by_r[apart, 0, 0] = 0.0, 1.0
-    shear = _measure_length(point.reaction[contacts, 1:])
+    shear = length(point.reaction[contacts, 1:])
     sticks |= apart & (shear < (1.0 - _AT_LIMIT) * cohesion[contacts])
     k = np.arange(1, d)
     by_v[np.ix_(sticks, k, k)] = np.eye(d - 1)
@@ -160,7 +167,7 @@ def _add_rest(
     _, dilatancy = point.limit
     closed = by_v[slides, 0, 0] > 0
     by_v[slides, 0, 1:] -= (closed * dilatancy[at])[:, None] * p
-    by_rest[slides, 0, 1] = closed * _measure_length(point.slip[at])
+    by_rest[slides, 0, 1] = closed * length(point.slip[at])
     # The row of ``p·dρ`` of Coulomb's law is divided by μ; without friction the rows are dr_t.
     coulomb, rough = point.is_coulomb[at], D[:, 0] > 0
     along = np.where(coulomb & rough, 1.0 / np.where(rough, D[:, 0], 1.0), 1.0)
@@ -188,7 +195,7 @@ def _linearise_sliding(
     by_mu[:, 0] = -r_n[:, None] * p * p / D
     if tangents_of == 2:
         across = np.stack([-p[:, 1], p[:, 0]], axis=1)
-        far = _measure_length(D * s)
+        far = length(D * s)
         by_r[:, 1, 1:] = far[:, None] * across / D
         by_v[:, 1, 1:] = limit[:, None] * across * D
         turned = -r_n[:, None] * across * (far[:, None] * p / D + s)
@@ -208,8 +215,3 @@ def _linearise_frictionless(
     by_r[:, k, k + 1] = 1.0
     by_mu[:, k, k] = -r_n[:, None] * p
     return by_r, np.zeros_like(by_r), by_mu
-
-
-def _measure_length(rows: Floats) -> Floats:
-    lengths: Floats = np.linalg.norm(rows, axis=1)
-    return lengths

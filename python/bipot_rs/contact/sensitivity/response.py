@@ -197,9 +197,8 @@ class CondensedResponse(PathResponse):
 
     def factor_laws(self, laws: Laws) -> _core.TangentSystem | None:
         """The system (33) of these laws; None if it is singular."""
-        d = self.diagonal.shape[1]
-        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
-        return self.core.system(self._place[laws.contacts], by_r, by_v)
+        contacts, by_r, by_v = laws.parts
+        return self.core.system(self._place[contacts], by_r, by_v)
 
     def find_relative_motion(self, reaction: Floats, rigid: Floats) -> Floats:
         """``W r + R a``, ``(n_c, d)``; zero at contacts that W is not known of."""
@@ -257,9 +256,7 @@ class ReducedResponse:
 
     def factor_laws(self, laws: Laws) -> _core.TangentSystem | None:
         """The system (33) of these laws; None if it is singular."""
-        d = self._shape[1]
-        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
-        return self._core.tangent(laws.contacts, by_r, by_v)
+        return self._core.tangent(*laws.parts)
 
     def find_relative_motion(self, reaction: Floats, rigid: Floats) -> Floats:
         """``W r + R a``, ``(n_c, d)``."""
@@ -289,10 +286,7 @@ class KrylovSystem:
         return np.stack([self._solve_row(row, transposed=True) for row in right])
 
     def _solve_row(self, right: Floats, *, transposed: bool) -> Floats:
-        laws = self.laws
-        d = laws.by_r.shape[1]
-        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
-        solution = self.core.solve(laws.contacts, by_r, by_v, right, transposed)
+        solution = self.core.solve(*self.laws.parts, right, transposed)
         if solution is None:
             raise Stalled
         return solution

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 import bipot_rs._core as _core
-from bipot_rs._lib.matrices import rigid_motions
+from bipot_rs._lib.matrices import length, rigid_motions
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.law.contact_law import ContactLaw
@@ -26,7 +26,6 @@ from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results.solution import describe_not_carried
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
-from bipot_rs.obstacle.protocol import length
 
 # A rigid motion is free if its constraints are below this, relative to the largest:
 # meshing programs write coordinates with six digits or more.

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bipot_rs._lib.matrices import length
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.contact.contact import Contact, both, rigid_obstacle
 from bipot_rs.mesh.elements import facet_nodes, jacobian
 from bipot_rs.obstacle.motion import Motion
-from bipot_rs.obstacle.protocol import Obstacle, check_direction, length
+from bipot_rs.obstacle.protocol import Obstacle, check_direction
 from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus, Union
 
 
