@@ -29,6 +29,25 @@ STEP_FLOPS = 2e5
 # although a factor would fit.
 FACTOR_BYTES, FACTOR_GROWTH = 29e9, 1.34
 
+# --- Forecast of a scene (cli/run/cost_forecast.py): benches/results/whole_job.csv, and the memory
+# of lap joints of 19,000 and 42,000 unknowns. They only change what `bipot check` and the start
+# of a run print. Half and twice: the forecasts are off by as much.
+
+# Rate of the condensation [flop/s per core]. benches/README.md has twice as much on a server
+# core; small bodies and old machines have less.
+FLOP_RATE = 2e10
+# Dense factors, of all contacts, that a load step of the direct engine is worth: of the closed
+# ones it makes more.
+FACTORS_OF_STEP = 20
+# Copies of K beside the bytes that the core counts: the forecasts of the joints are within 2 %.
+COPIES_OF_K = 2
+# Memory of a rank of engine petsc [bytes]: libraries, mesh and loads for each node, and copies of
+# its rows of K: K itself, what the preconditioner is made of, and the preconditioner.
+PROCESS_BYTES, NODE_BYTES, COPIES_ON_RANK = 135e6, 750, 9
+# Poisson's ratio from which multigrid stalls if a whole body has it. Less: bodies that take
+# twice as many iterations are named too.
+STALLING_POISSON = 0.499
+
 # --- Degrees of freedom without stiffness and copies (path/springs.py): tests/python/contact/path.
 
 # Spring, relative to the largest entry of K. A hundredth of it: statuses of slipping contacts do

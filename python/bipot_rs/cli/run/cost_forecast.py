@@ -12,6 +12,7 @@ import numpy as np
 
 from bipot_rs._lib.machine import available
 from bipot_rs._lib.messages import count_noun, duration, size
+from bipot_rs.contact import tuning
 from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import Body
@@ -32,25 +33,8 @@ _NODES = {
 }
 # Bytes of a number and of an index.
 _ENTRY = 12
-# Copies of K beside the bytes that the core counts: with 2, forecasts for joints of 19,000 and
-# 42,000 unknowns are within 2 % of the memory that they take.
-_COPIES_OF_K = 2
-
-# Memory of a rank of engine petsc: libraries, mesh and loads for each node, and copies of its
-# rows of K: K itself, what the preconditioner is made of, and the preconditioner.
-_PROCESS, _MESH, _COPIES = 135e6, 750, 9
 # Nodes whose neighbours are counted.
 _SAMPLE = 1000
-
-# Rate of the condensation for the forecast [flop/s per core]. benches/README.md has twice
-# as much on a server core; small bodies and old machines have less.
-RATE = 2e10
-# Dense factors, of all contacts, that a load step of the direct engine is worth: of the closed
-# ones it makes more. Half and twice: forecasts of scenes with many contacts are off by as much.
-FACTORS_OF_STEP = 20
-# Poisson's ratio from which multigrid stalls if a whole body has it. Less: bodies that take
-# twice as many iterations are named too.
-STALLING_POISSON = 0.499
 
 
 class _Counted(Exception):
@@ -93,7 +77,7 @@ def work(counts: Record) -> float:
 
 def seconds(counts: Record, cores: int) -> float:
     """Rough time of the condensation, or of the iterative steps [s]."""
-    return work(counts) / (RATE * max(cores, 1))
+    return work(counts) / (tuning.FLOP_RATE * max(cores, 1))
 
 
 def cores() -> int:
@@ -132,7 +116,7 @@ def describe_stalling(counts: Record, model: Assembly) -> list[str]:
     """Sentences on bodies with which the iterative engine will probably stall."""
     if counts.get("engine") != "iterative":
         return []
-    least = STALLING_POISSON
+    least = tuning.STALLING_POISSON
     names = [
         repr(body.name)
         for body in model.bodies
@@ -162,16 +146,16 @@ def cost(counts: Record, model: Assembly, steps: int) -> list[str]:
             f"  memory    about {size(counts['bytes_peak'])}{of}",
             f"  time      {duration(seconds(counts, threads))} for all load steps",
         ]
-    most = size(counts["bytes_peak"] + _COPIES_OF_K * _ENTRY * model.K.nnz)
+    most = size(counts["bytes_peak"] + tuning.COPIES_OF_K * _ENTRY * model.K.nnz)
     time = duration(seconds(counts, threads))
-    of_steps = 2 / 3 * steps * FACTORS_OF_STEP * float(model.dim * len(model.gap)) ** 3
-    rest = (
-        f"{duration(of_steps / (RATE * threads))} for {count_noun(steps, 'load step')}"
-    )
+    factor = 2 / 3 * float(model.dim * len(model.gap)) ** 3
+    work_of_steps = steps * tuning.FACTORS_OF_STEP * factor
+    of_steps = duration(work_of_steps / (tuning.FLOP_RATE * threads))
     return [
         *engine,
         f"  memory    at most {most}{of}",
-        f"  time      {time} to factorise the stiffness, {rest}",
+        f"  time      {time} to factorise the stiffness, {of_steps} for "
+        + count_noun(steps, "load step"),
     ]
 
 
@@ -189,8 +173,8 @@ def rank_bytes(model: Assembly, ranks: int) -> float:
     middle = nodes // 2
     start, _ = find_neighbours(model.bodies, middle, min(middle + _SAMPLE, nodes))
     row = model.dim * (1 + start[-1] / max(len(start) - 1, 1))
-    bytes_of_rank = model.n / ranks * row * _ENTRY * _COPIES
-    return float(_PROCESS + _MESH * nodes + bytes_of_rank)
+    bytes_of_rank = model.n / ranks * row * _ENTRY * tuning.COPIES_ON_RANK
+    return float(tuning.PROCESS_BYTES + tuning.NODE_BYTES * nodes + bytes_of_rank)
 
 
 def peak(case: Case) -> float:
