@@ -170,7 +170,9 @@ def _find_ranges(problem: BlockProblem, report: dict[str, Any]) -> str:
     return format_table(["block", "block", "least", "largest"], rows)
 
 
-def _draw(problem: BlockProblem, reaction: Any, motion: Any, out: Path) -> None:
+def _draw(
+    problem: BlockProblem, reaction: Floats | None, motion: Floats | None, out: Path
+) -> None:
     from bipot_rs.files.drafts import writing
     from bipot_rs.plots.blocks import blocks
     from bipot_rs.plots.style import figure_of
