@@ -71,11 +71,11 @@ rust-lint: checks $(STAMP)
 	# The bindings, which the tests do not compile; nothing runs them. A library of Rust has
 	# files of its own, so that neither this nor the tests are compiled again without a change.
 	$(LINTED) cargo rustc $(CHECKED) --config 'profile.release.package.bipot_rs.opt-level=0' --lib --crate-type rlib --features python
-	$(LINTED) cargo test $(CHECKED) --no-run --lib --tests
+	$(LINTED) cargo test $(CHECKED) --no-run --tests
 
 .PHONY: rust-test
 rust-test: rust-lint
-	$(LINTED) cargo test $(CHECKED) --lib --tests
+	$(LINTED) cargo test $(CHECKED) --tests
 
 .PHONY: python-lint
 python-lint: $(STAMP)
@@ -144,7 +144,7 @@ COUNTED := RUSTC_WORKSPACE_WRAPPER='$(CURDIR)/.ci/covered' $(COUNTING)
 coverage: $(STAMP) ## what the tests reach of the solvers (needs llvm-tools of rustup, or llvm-22)
 	@test -x '$(LLVM)/llvm-cov' || { echo "no llvm-cov: rustup component add llvm-tools"; exit 1; }
 	rm -rf $(COVERED)
-	$(COUNTED) cargo test $(CHECKED) --lib --tests
+	$(COUNTED) cargo test $(CHECKED) --tests
 	$(COUNTED) cargo rustc $(CHECKED) --features python --lib --crate-type cdylib
 	mkdir -p $(COVERED)
 	cp -r python/bipot_rs $(COVERED)
@@ -154,7 +154,7 @@ coverage: $(STAMP) ## what the tests reach of the solvers (needs llvm-tools of r
 		tests/python/contact tests/python/theory tests/python/test_fclib.py
 	$(LLVM)/llvm-profdata merge --sparse $(COVERED)/*.profraw -o $(COVERED)/merged
 	$(LLVM)/llvm-cov export --instr-profile $(COVERED)/merged $(COVERED)/bipot_rs/_core.abi3.so \
-		$$(for name in core bipot_rs; do ls -t target/release/deps/$$name-* | grep -v '\.[a-z]*$$' | head -n 1 | sed 's/^/--object /'; done) \
+		$$(ls -t target/release/deps/core-* | grep -v '\.[a-z]*$$' | head -n 1 | sed 's/^/--object /') \
 		| $(PY) .ci/coverage_table.py src/law src/reduced src/solver src/proof
 
 .PHONY: mutations

@@ -10,18 +10,18 @@
     reason = "a table of rates; a bench may fail"
 )]
 
-#[path = "../tests/common/bodies.rs"]
-mod bodies;
+#[path = "../tests/common/elasticity.rs"]
+#[expect(dead_code, reason = "tests use the rest")]
+mod elasticity;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use bipot_rs::linalg::dense::{Op, cholesky, invert_from_cholesky, matmul};
-use bipot_rs::linalg::sparse::csc::Symmetric;
 use bipot_rs::linalg::sparse::multifrontal::{Factor, Schur};
 use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
-use bodies::Make;
+use elasticity::Grid;
 
 /// Smallest of some repetitions: what the machine can do when left alone.
 fn seconds<T>(times: usize, mut work: impl FnMut() -> T) -> (f64, T) {
@@ -51,23 +51,23 @@ fn product_rate() -> f64 {
     2.0 * (n as f64).powi(3) / best
 }
 
-fn row(name: &str, make: Make, with_coordinates: bool) {
-    let body = make.build();
-    let k = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap();
+fn row(name: &str, grid: Grid, with_coordinates: bool) {
+    let body = grid.assemble();
+    let (k, n, face, places) = (body.view(), body.n(), body.face(), body.places());
     let options = Options {
-        coordinates: with_coordinates.then_some(&body.at),
+        coordinates: with_coordinates.then_some(&places),
     };
     let rate = product_rate();
     let (_, symbolic) = seconds(2, || {
-        Arc::new(Symbolic::analyse(&k, &body.face, &options).unwrap())
+        Arc::new(Symbolic::analyse(&k, &face, &options).unwrap())
     });
     let counts = symbolic.counts();
     let stop = AtomicBool::new(false);
-    let times = if body.n < 100_000 { 4 } else { 2 };
+    let times = if n < 100_000 { 4 } else { 2 };
     let (dropped, _) = seconds(times, || Schur::new(&symbolic, &k, &mut [], &stop).unwrap());
     let factored = |symbolic: &Arc<Symbolic>| Factor::new(Arc::clone(symbolic), &k, &stop).unwrap();
     // Each with an analysis of its own, and so in fresh memory; then in the same.
-    let analysed = || Arc::new(Symbolic::analyse(&k, &body.face, &options).unwrap());
+    let analysed = || Arc::new(Symbolic::analyse(&k, &face, &options).unwrap());
     let fresh = (0..times).map(|_| {
         let symbolic = analysed();
         seconds(1, || factored(&symbolic)).0
@@ -81,14 +81,14 @@ fn row(name: &str, make: Make, with_coordinates: bool) {
         cholesky(&mut inverse, m, &stop).unwrap();
         invert_from_cholesky(&mut inverse, m, &stop).unwrap();
     });
-    let mut load = vec![1.0; body.n];
+    let mut load = vec![1.0; n];
     let (solve, ()) = seconds(3, || {
         factor.condense(&mut load, 1);
         factor.recover(&mut load, 1);
     });
     println!(
         "{name:>10} {:>8} {m:>6} {:>9.3} {:>9.3} {numeric:>9.3} {again:>9.3} {dropped:>9.3} {dense:>9.3} {solve:>9.4} {:>9.1} {:>7.1} {:>6.0} % {:>8} {:>8} {:>8}  {}",
-        body.n,
+        n,
         counts.seconds_order,
         counts.seconds_symbolic,
         counts.flops / 1e9,
@@ -136,10 +136,10 @@ fn main() {
     );
     pool.install(|| {
         let rows = [
-            ("cube 14", Make::cube(14), false),
-            ("cube 25", Make::cube(25), false),
-            ("square 316", Make::square(316), false),
-            ("cube 36", Make::cube(36), true),
+            ("cube 14", Grid::cube(14), false),
+            ("cube 25", Grid::cube(25), false),
+            ("square 316", Grid::square(316), false),
+            ("cube 36", Grid::cube(36), true),
         ];
         for (name, make, is_large) in rows {
             if (large || !is_large) && only.as_ref().is_none_or(|o| name.contains(o.as_str())) {

@@ -50,24 +50,3 @@ impl<T> PerProcess<T> {
         Some(own.list.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use std::sync::atomic::Ordering;
-
-    use super::PerProcess;
-
-    static LIST: PerProcess<u8> = PerProcess::new();
-
-    #[test]
-    fn a_lock_held_by_another_process_is_left_alone() {
-        // The state after a fork: the slot of the parent, locked by one of its threads.
-        let parent = &LIST.slots[0];
-        parent.process.store(u32::MAX, Ordering::Release);
-        let _held = parent.list.lock().unwrap();
-        LIST.lock().unwrap().push(7);
-        assert_eq!(*LIST.lock().unwrap(), [7]);
-        let owner = LIST.slots[1].process.load(Ordering::Acquire);
-        assert_eq!(owner, std::process::id());
-    }
-}

@@ -99,36 +99,3 @@ pub fn collect<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::{collect, for_each_with, map};
-
-    #[test]
-    fn results_keep_the_order_of_the_items() {
-        for count in [0, 1, 2, 7, 1000] {
-            let squares = map(0..count, |number, item| (number, item * item));
-            assert!(squares.iter().copied().eq((0..count).map(|i| (i, i * i))));
-            assert!(
-                collect(count, |i| i * i)
-                    .into_iter()
-                    .eq((0..count).map(|i| i * i))
-            );
-        }
-    }
-
-    #[test]
-    fn memory_is_used_by_one_task_at_a_time() {
-        let mut sums = vec![0; 300];
-        for_each_with(sums.iter_mut(), Vec::new, |memory, number, sum| {
-            memory.clear();
-            memory.extend(0..=number);
-            *sum = memory.iter().sum();
-        });
-        assert!(
-            sums.iter()
-                .enumerate()
-                .all(|(n, &sum)| sum == n * (n + 1) / 2)
-        );
-    }
-}

@@ -2,9 +2,9 @@
 //! analysis. It is a binary of its own, because the count is of the whole process.
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
-#[path = "common/bodies.rs"]
+#[path = "common/elasticity.rs"]
 #[expect(dead_code, reason = "other tests use the rest")]
-mod bodies;
+mod elasticity;
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::borrow::Cow;
@@ -20,7 +20,7 @@ use bipot_rs::linalg::sparse::symbolic::{Counts, Options, Symbolic};
 use bipot_rs::proof::uniqueness::{MOST_BYTES, Unique, assess, bytes};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
-use bodies::Make;
+use elasticity::{Assembled, Grid};
 
 /// The system's allocator, with what is held and the most that was.
 struct Counting;
@@ -81,20 +81,16 @@ fn most<T>(work: impl FnOnce() -> T) -> (usize, T) {
 }
 
 fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .unwrap();
-    pool.install(work)
+    bipot_rs::threads::pool(threads).unwrap().install(work)
 }
 
 /// A cube with a whole face kept: 20,577 unknowns, 1,083 of them kept.
-fn cube() -> bodies::Body {
-    Make::cube(18).build()
+fn cube() -> Assembled {
+    Grid::cube(18).assemble()
 }
 
-fn analysed(body: &bodies::Body, k: &Symmetric) -> Arc<Symbolic> {
-    Arc::new(Symbolic::analyse(k, &body.face, &Options::default()).unwrap())
+fn analysed(body: &Assembled, k: &Symmetric) -> Arc<Symbolic> {
+    Arc::new(Symbolic::analyse(k, &body.face(), &Options::default()).unwrap())
 }
 
 /// Both ways, a seventh: tables of each front, and what allocators round up to.
@@ -113,7 +109,7 @@ fn without_analysis(counts: &Counts, bytes: usize) -> usize {
 fn the_peak_is_as_predicted() {
     let _alone = ALONE.lock().unwrap();
     let body = cube();
-    let k = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap();
+    let k = body.view();
     let before = HELD.load(Ordering::SeqCst);
     let symbolic = analysed(&body, &k);
     let counts = symbolic.counts().clone();
@@ -145,7 +141,7 @@ fn the_peak_is_as_predicted() {
 fn a_second_matrix_uses_the_memory_of_the_first() {
     let _alone = ALONE.lock().unwrap();
     let body = cube();
-    let k = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap();
+    let k = body.view();
     let symbolic = analysed(&body, &k);
     with_threads(1, || {
         let factored = || Factor::new(Arc::clone(&symbolic), &k, &GO).unwrap();
@@ -178,13 +174,13 @@ fn a_second_matrix_uses_the_memory_of_the_first() {
         assert_eq!(symbolic.bytes_spare(), panels + left);
         // A matrix that is refused leaves what it found.
         let mut values = body.values.clone();
-        for j in 0..body.n {
+        for j in 0..body.n() {
             let column = body.col_ptr[j]..body.col_ptr[j + 1];
             for at in column.filter(|&at| body.row_idx[at] != j) {
                 values[at] *= 3.0;
             }
         }
-        let not = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &values).unwrap();
+        let not = Symmetric::new(body.n(), &body.col_ptr, &body.row_idx, &values).unwrap();
         drop(Factor::new(Arc::clone(&symbolic), &not, &GO).unwrap_err());
         assert_eq!(symbolic.bytes_spare(), panels + left);
         symbolic.keep_stack(false);

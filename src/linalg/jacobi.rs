@@ -56,26 +56,3 @@ pub fn combine(columns: &[Vec<f64>], amounts: &[f64]) -> Vec<f64> {
     }
     sum
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn small_singular_values_keep_their_digits() {
-        // Columns (1, 0, 0), (1, 1e-12, 0): the singular values are √2 and 1e-12/√2, with a
-        // relative error of 1e-12; from Aᵀ A the smaller one would be 0.
-        let mut columns = vec![vec![1.0, 0.0, 0.0], vec![1.0, 1e-12, 0.0]];
-        let given = columns.clone();
-        let amounts = orthogonalise(&mut columns);
-        let mut sizes: Vec<f64> = columns.iter().map(|c| norm(c)).collect();
-        sizes.sort_by(f64::total_cmp);
-        assert!((sizes[0] / (1e-12 / 2.0_f64.sqrt()) - 1.0).abs() < 1e-11);
-        assert!((sizes[1] / 2.0_f64.sqrt() - 1.0).abs() < 1e-15);
-        for (column, amounts) in columns.iter().zip(&amounts) {
-            for (x, y) in column.iter().zip(combine(&given, amounts)) {
-                assert!((x - y).abs() < 1e-15);
-            }
-        }
-    }
-}

@@ -6,9 +6,10 @@
 )]
 
 use std::borrow::Cow;
-use std::sync::atomic::AtomicBool;
 
+use super::GO;
 use bipot_rs::law::contact_law::ContactLaw;
+use bipot_rs::linalg::small::norm;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
 use bipot_rs::solver::{Method, Settings, Solution, Start, solve};
@@ -91,39 +92,43 @@ impl<const D: usize> Case<D> {
     }
 
     pub(crate) fn problem(&self) -> Reduced<'_, D> {
-        Reduced::new(
-            &self.compliance,
-            &self.q,
-            &ContactLaw::coulomb(&self.mu),
-            &self.rigid,
-        )
-        .unwrap()
+        coulomb(&self.compliance, &self.q, &self.mu, &self.rigid)
     }
 
     pub(crate) fn solve(&self, method: Method) -> Solution<D> {
-        let settings = Settings {
-            method,
-            tol: 1e-12,
-            ..Settings::default()
-        };
-        solve(
-            &self.problem(),
-            &settings,
-            &Start::default(),
-            &AtomicBool::new(false),
-        )
-        .unwrap()
+        self.run(&settings(method, 1e-12))
     }
+
+    /// The solution from a cold start.
+    pub(crate) fn run(&self, settings: &Settings) -> Solution<D> {
+        solve(&self.problem(), settings, &Start::default(), &GO).unwrap()
+    }
+}
+
+/// The problem of contacts with Coulomb's law.
+pub(crate) fn coulomb<'a, const D: usize>(
+    compliance: &'a Compliance<'_, D>,
+    q: &[[f64; D]],
+    mu: &[f64],
+    rigid: &Rigid<D>,
+) -> Reduced<'a, D> {
+    Reduced::new(compliance, q, &ContactLaw::coulomb(mu), rigid).unwrap()
+}
+
+pub(crate) fn settings(method: Method, tol: f64) -> Settings {
+    Settings {
+        method,
+        tol,
+        ..Settings::default()
+    }
+}
+
+pub(crate) fn apart<const D: usize>(a: &[[f64; D]], b: &[[f64; D]]) -> Vec<f64> {
+    let pairs = a.as_flattened().iter().zip(b.as_flattened());
+    pairs.map(|(x, y)| x - y).collect()
 }
 
 /// `‖a − b‖ / ‖b‖`.
 pub(crate) fn difference<const D: usize>(a: &[[f64; D]], b: &[[f64; D]]) -> f64 {
-    let norm = |x: &[f64]| x.iter().map(|c| c * c).sum::<f64>().sqrt();
-    let change: Vec<f64> = a
-        .as_flattened()
-        .iter()
-        .zip(b.as_flattened())
-        .map(|(x, y)| x - y)
-        .collect();
-    norm(&change) / norm(b.as_flattened())
+    norm(&apart(a, b)) / norm(b.as_flattened())
 }

@@ -29,6 +29,9 @@ pub(crate) struct Grid {
     /// Degree of the polynomials, 2 for bricks only.
     pub(crate) order: usize,
     pub(crate) poisson: f64,
+    /// Young's modulus of the cells in the half away from the face `x_d = 0`, `d` the last
+    /// direction; the other half has 1.
+    pub(crate) far_half: f64,
     /// Whether the face where the last coordinate is greatest is held: no unknowns.
     pub(crate) held: bool,
 }
@@ -42,6 +45,7 @@ impl Grid {
             cell: Cell::Brick,
             order: 1,
             poisson: 0.3,
+            far_half: 1.0,
             held: true,
         }
     }
@@ -72,6 +76,8 @@ impl Grid {
                     at * self.order
                 })
                 .collect();
+            let far = 2 * base[d - 1] >= self.cells[d - 1] * self.order;
+            let young = if far { self.far_half } else { 1.0 };
             for (corners, stiffness) in &elements {
                 let number = |a: usize| {
                     let at: Vec<usize> = (0..d).map(|k| base[k] + corners[a][k]).collect();
@@ -87,7 +93,8 @@ impl Grid {
                         let block = rows[v].entry(w).or_insert([0.0; 9]);
                         for i in 0..d {
                             for j in 0..d {
-                                block[i * d + j] += stiffness[(a * d + i) * size + b * d + j];
+                                let value = stiffness[(a * d + i) * size + b * d + j];
+                                block[i * d + j] += young * value;
                             }
                         }
                     }
@@ -261,6 +268,23 @@ impl Assembled {
 
     pub(crate) fn nodes(&self) -> usize {
         self.n() / self.dim
+    }
+
+    /// Place of each unknown.
+    pub(crate) fn places(&self) -> Vec<[f64; 3]> {
+        let at = |dof: usize| {
+            let node = &self.coordinates[dof / self.dim * self.dim..][..self.dim];
+            std::array::from_fn(|k| node.get(k).copied().unwrap_or(0.0))
+        };
+        (0..self.n()).map(at).collect()
+    }
+
+    /// Unknowns of the face where the last coordinate is zero.
+    pub(crate) fn face(&self) -> Vec<usize> {
+        let at = self.places();
+        (0..self.n())
+            .filter(|&dof| at[dof][self.dim - 1] == 0.0)
+            .collect()
     }
 
     pub(crate) fn view(&self) -> Symmetric<'_> {

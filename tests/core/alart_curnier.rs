@@ -1,5 +1,4 @@
-//! The map of Alart and Curnier (19) at one contact: its derivative against
-//! differences, and that its zeros are the law.
+//! The map of Alart and Curnier (19) at one contact: its zeros are the law.
 
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
@@ -20,55 +19,6 @@ fn from_kinks<const D: usize>(x: &[f64; D], mu: f64) -> f64 {
         return x[0].abs();
     }
     x[0].min((t - mu * x[0]).abs() / mu.hypot(1.0)).min(t)
-}
-
-fn differences<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64) -> (Block<D>, Block<D>) {
-    let step = 1e-6;
-    let along = |by_r: bool, k: usize| {
-        let at = |h: f64| {
-            let (mut r, mut v) = (*r, *v);
-            (if by_r { &mut r } else { &mut v })[k] += h;
-            linearised(&r, &v, mu).value
-        };
-        (at(step) - at(-step)) / (2.0 * step)
-    };
-    let columns = |by_r| Block::from_columns(&std::array::from_fn::<_, D, _>(|k| along(by_r, k)));
-    (columns(true), columns(false))
-}
-
-fn derivative_is_that_of_differences<const D: usize>() {
-    let mut rng = StdRng::seed_from_u64(19);
-    for mu in [0.0, 0.4, 0.8, 1.5] {
-        let mut seen = [0; 3];
-        for _ in 0..6000 {
-            let (r, v) = (random::<D>(&mut rng), random::<D>(&mut rng));
-            let x: [f64; D] = std::array::from_fn(|k| r[k] - v[k]);
-            if from_kinks(&x, mu) < 0.05 {
-                continue;
-            }
-            let found = linearised(&r, &v, mu);
-            seen[found.status as usize] += 1;
-            let (by_r, by_v) = differences(&r, &v, mu);
-            // Rounding of a difference, ε/1e-6, and its third derivative, at most
-            // 6 c/‖x_t‖³ ≤ 6/0.05², times 1e-12.
-            assert!((found.by_r - by_r).amax() <= 1e-8, "{found:?} {by_r}");
-            assert!((found.by_v - by_v).amax() <= 1e-8, "{found:?} {by_v}");
-        }
-        // Without friction nothing sticks, with it every status is met.
-        let least = if mu == 0.0 { [50, 50, 0] } else { [50; 3] };
-        assert!(seen.iter().zip(least).all(|(count, least)| *count >= least));
-        assert_eq!(seen[Status::Stick as usize] == 0, mu == 0.0);
-    }
-}
-
-#[test]
-fn derivative_is_that_of_differences_in_the_plane() {
-    derivative_is_that_of_differences::<2>();
-}
-
-#[test]
-fn derivative_is_that_of_differences_in_space() {
-    derivative_is_that_of_differences::<3>();
 }
 
 /// A block whose mean diagonal is one, as scaled variables have it.

@@ -1,12 +1,11 @@
 //! The multigrid preconditioner: iterations, invariances, bodies without supports.
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
-use std::sync::atomic::AtomicBool;
-
 use bipot_rs::bodies::basis::motions_of_nodes;
 use bipot_rs::linalg::amg::following::Following;
 use bipot_rs::linalg::amg::multigrid::Multigrid;
 use bipot_rs::linalg::amg::nodes::LevelNodes;
+use bipot_rs::linalg::amg::scaled_blocks::{two_to, write};
 use bipot_rs::linalg::amg::settings::CycleSettings;
 use bipot_rs::linalg::amg::symmetric_blocks::SymmetricBlocks;
 use bipot_rs::linalg::conjugate_gradients;
@@ -15,6 +14,7 @@ use bipot_rs::linalg::parallel::norm;
 use bipot_rs::linalg::random_signs::random_signs;
 
 use crate::common::elasticity::{Assembled, Cell, Grid};
+use crate::common::{GO, with_threads};
 
 /// Rounding of products and of the recurrence stays below this for the condition of these bodies.
 const TOL: f64 = 1e-12;
@@ -35,21 +35,19 @@ fn about(body: &Assembled) -> LevelNodes {
 fn multigrid(body: &Assembled, settings: &CycleSettings) -> (SymmetricBlocks, Multigrid) {
     let matrix = blocks(body);
     let held = vec![false; body.n()];
-    let never = AtomicBool::new(false);
-    let levels = Multigrid::new(matrix.to_single(), about(body), &held, settings, &never).unwrap();
+    let levels = Multigrid::new(matrix.to_single(), about(body), &held, settings, &GO).unwrap();
     (matrix, levels)
 }
 
 /// Iterations of conjugate gradients, and the solution, which is checked.
 fn solve(matrix: &SymmetricBlocks, levels: &mut Multigrid, b: &[f64]) -> (usize, Vec<f64>) {
-    let never = AtomicBool::new(false);
     let found = conjugate_gradients::solve(
         |x, y| matrix.product(x, y),
         |r, z| levels.apply(r, z),
         b,
         TOL,
         200,
-        &never,
+        &GO,
     )
     .unwrap();
     assert!(found.reached, "{} after {}", found.residual, found.products);
@@ -139,7 +137,7 @@ fn bodies_without_supports() {
 fn one_and_two_threads_give_the_same_bits() {
     let body = Grid::cube(14).assemble();
     let solution = |threads| {
-        bipot_rs::threads::pool(threads).unwrap().install(|| {
+        with_threads(threads, || {
             let (matrix, mut levels) = multigrid(&body, &CycleSettings::default());
             solve(&matrix, &mut levels, &random_signs(body.n(), 5)).1
         })
@@ -199,10 +197,8 @@ fn held_unknowns_are_left_out() {
     let held: Vec<bool> = (0..body.n()).map(|i| i % 7 == 0 || i < 300).collect();
     let mut single = matrix.to_single();
     single.hold(&held);
-    let never = AtomicBool::new(false);
     let settings = CycleSettings::default();
-    let mut levels =
-        Multigrid::new(single.clone(), about(&body), &held, &settings, &never).unwrap();
+    let mut levels = Multigrid::new(single.clone(), about(&body), &held, &settings, &GO).unwrap();
     let mut b = random_signs(body.n(), 3);
     let clear = |x: &mut [f64]| {
         for (x, &held) in x.iter_mut().zip(&held) {
@@ -227,7 +223,7 @@ fn held_unknowns_are_left_out() {
             restart: 40,
             most: 60,
         },
-        &never,
+        &GO,
     )
     .unwrap();
     assert!(found.reached && found.products <= 30, "{}", found.products);
@@ -245,6 +241,25 @@ fn held_unknowns_are_left_out() {
         *left -= b;
     }
     assert!(norm(&left) <= 1e-10 * norm(&b));
+}
+
+/// Half a unit of fifteen bits below the largest entry of the block, whatever its size.
+#[test]
+fn rounding_is_relative_to_the_largest_entry_of_a_block() {
+    for size in [1e-30_f32, 1e-4, 0.999_999_9, 1.0, 1.5, 3e4] {
+        let of = |k: u8| size * (f32::from(k) - 8.0) / 8.0;
+        let from: Vec<f32> = (0..9).map(of).collect();
+        let mut to = [0; 9];
+        let scale = two_to(i32::from(write(&from, &mut to)));
+        for (&from, &to) in from.iter().zip(&to) {
+            let error = (f32::from(to) * scale - from).abs();
+            assert!(error <= size * 2.0_f32.powi(-15), "{from} {to}");
+        }
+    }
+    // Below the range it is zero.
+    let mut to = [1; 4];
+    let _ = write(&[0.0, 1e-44, -1e-44, 0.0], &mut to);
+    assert_eq!(to, [0; 4]);
 }
 
 /// `Tᵀ A T` of rotated nodes has the spectrum of `A`, and so the same iterations.
@@ -273,9 +288,8 @@ fn rotated_nodes_cost_nothing() {
         }
     }
     let held = vec![false; body.n()];
-    let never = AtomicBool::new(false);
     let settings = CycleSettings::default();
-    let mut levels = Multigrid::new(single, about, &held, &settings, &never).unwrap();
+    let mut levels = Multigrid::new(single, about, &held, &settings, &GO).unwrap();
     let all = |x: &mut [f64], back: bool| {
         for &node in &turned {
             rotate(&mut x[3 * node..3 * node + 2], back);
@@ -292,7 +306,7 @@ fn rotated_nodes_cost_nothing() {
         &random_signs(body.n(), 7),
         TOL,
         60,
-        &never,
+        &GO,
     )
     .unwrap();
     let plain = iterations(&body);
@@ -341,7 +355,6 @@ fn face(body: &Assembled) -> Vec<u32> {
 #[test]
 fn what_a_hierarchy_followed_before_changes_no_bit() {
     let settings = CycleSettings::default();
-    let never = AtomicBool::new(false);
     for grid in [
         Grid::cube(13),
         Grid::square(40),
@@ -357,7 +370,7 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
         let b = random_signs(body.n(), 5);
         let make = || {
             let single = blocks(&body).to_single();
-            Following::new(single, about(&body), face.clone(), &settings, &never).unwrap()
+            Following::new(single, about(&body), face.clone(), &settings, &GO).unwrap()
         };
         let apply = |levels: &mut Following| {
             let mut x = vec![0.0; b.len()];
@@ -365,18 +378,18 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
             x.iter().map(|x| x.to_bits()).collect::<Vec<u64>>()
         };
         let (held, springs) = statuses(&body, &face, 1);
-        let fresh = bipot_rs::threads::pool(1).unwrap().install(|| {
+        let fresh = with_threads(1, || {
             let mut levels = make();
-            levels.update(&held, &springs, &never).unwrap();
+            levels.update(&held, &springs, &GO).unwrap();
             apply(&mut levels)
         });
-        let followed = bipot_rs::threads::pool(2).unwrap().install(|| {
+        let followed = with_threads(2, || {
             let mut levels = make();
             for seed in 2..5 {
                 let (held, springs) = statuses(&body, &face, seed);
-                levels.update(&held, &springs, &never).unwrap();
+                levels.update(&held, &springs, &GO).unwrap();
             }
-            levels.update(&held, &springs, &never).unwrap();
+            levels.update(&held, &springs, &GO).unwrap();
             apply(&mut levels)
         });
         assert!(fresh == followed, "{grid:?}");
@@ -388,9 +401,9 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
             single.add_to_diagonal_block(node as usize, spring_of(k));
         }
         single.hold(&held);
-        let mut own = Multigrid::new(single, about(&body), &held, &settings, &never).unwrap();
+        let mut own = Multigrid::new(single, about(&body), &held, &settings, &GO).unwrap();
         let mut levels = make();
-        levels.update(&held, &springs, &never).unwrap();
+        levels.update(&held, &springs, &GO).unwrap();
         let iterations = |precondition: &mut dyn FnMut(&[f64], &mut [f64])| {
             let clear = |x: &mut [f64]| {
                 for (x, _) in x.iter_mut().zip(&held).filter(|(_, held)| **held) {
@@ -421,7 +434,7 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
                 },
                 &right,
                 limits,
-                &never,
+                &GO,
             )
             .unwrap();
             assert!(found.reached, "{grid:?}: {}", found.residual);
@@ -450,7 +463,7 @@ fn half_of_the_blocks_gives_whole_products() {
             body.view().product(&x, &mut whole);
             let terms = norm(&whole).max(1.0);
             let products = |threads| {
-                bipot_rs::threads::pool(threads).unwrap().install(|| {
+                with_threads(threads, || {
                     let matrix = blocks(&body);
                     let mut half = vec![0.0; body.n()];
                     matrix.product(&x, &mut half);

@@ -16,13 +16,11 @@ use bipot_rs::assembly::element::{Law, Reference};
 use bipot_rs::assembly::inspection::{self, Rows};
 use bipot_rs::assembly::pattern::Pattern;
 use bipot_rs::assembly::stiffness::{Elastic, sum_of_cells};
-use bipot_rs::threads;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
 use crate::common::elasticity::Grid;
-
-static GO: AtomicBool = AtomicBool::new(false);
+use crate::common::{GO, with_threads};
 
 /// Linear triangles of a square of `n` × `n` cells, each cut in two; nodes are renumbered at
 /// random, so that neighbours are far apart. `moved` is the distance by which nodes are moved,
@@ -69,7 +67,7 @@ impl Mesh {
     }
 
     fn values(&self, laws: &[Law], material: &[usize], workers: usize) -> Result<Vec<f64>, Error> {
-        threads::pool(workers).unwrap().install(|| {
+        with_threads(workers, || {
             Elastic::<2> {
                 cells: &self.cells,
                 points: &self.points,
@@ -115,9 +113,7 @@ fn dense(pattern: &Pattern, values: &[f64]) -> Vec<Vec<f64>> {
 fn rows_of_the_pattern_are_the_nodes_that_share_a_cell() {
     let mesh = Mesh::new(40, 0.0);
     for workers in [1, 2, 5] {
-        let pattern = threads::pool(workers)
-            .unwrap()
-            .install(|| Pattern::new(&mesh.cells));
+        let pattern = with_threads(workers, || Pattern::new(&mesh.cells));
         let mut rows = vec![BTreeSet::<u32>::new(); mesh.cells.nodes()];
         for cell in 0..mesh.cells.count() {
             for &i in mesh.cells.of(cell) {
@@ -410,9 +406,9 @@ fn any_number_of_threads_finds_the_same_bodies() {
         })
         .collect();
     for workers in [1, 2, 5] {
-        let pool = threads::pool(workers).unwrap();
-        let (found, diagonal) =
-            pool.install(|| (inspection::bodies(k, &places), inspection::diagonal(&k)));
+        let (found, diagonal) = with_threads(workers, || {
+            (inspection::bodies(k, &places), inspection::diagonal(&k))
+        });
         assert_eq!(found.body, expected);
         assert_eq!(diagonal, stiffness);
     }

@@ -7,14 +7,15 @@
 )]
 
 use std::borrow::Cow;
-use std::sync::atomic::AtomicBool;
 
+use crate::common::GO;
+use crate::common::cases::coulomb;
 use bipot_rs::equilibrium::decide::{Decision, Verdict, decide};
 use bipot_rs::equilibrium::programme::Limits;
-use bipot_rs::law::contact_law::ContactLaw;
+use bipot_rs::linalg::small::norm;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::existence::{balances, is_contradiction};
-use bipot_rs::reduced::reduced::{Reduced, Rigid};
+use bipot_rs::reduced::reduced::Rigid;
 use bipot_rs::solver::at_rest::of_problem;
 use bipot_rs::solver::{Outcome, Settings, Start, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -26,13 +27,8 @@ struct Contacts<const D: usize> {
     compliance: Compliance<'static, D>,
 }
 
-/// Length without overflow, for oracles of our own.
-fn length(a: &[f64]) -> f64 {
-    a.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
 fn tangential<const D: usize>(v: &[f64; D]) -> f64 {
-    length(&v[1..])
+    norm(&v[1..])
 }
 
 impl<const D: usize> Contacts<D> {
@@ -113,10 +109,8 @@ impl<const D: usize> Contacts<D> {
             modes: self.modes.clone().into(),
             load: load.to_vec(),
         };
-        let problem =
-            Reduced::new(&self.compliance, &q, &ContactLaw::coulomb(&self.mu), &rigid).unwrap();
-        let stop = AtomicBool::new(false);
-        let limits = Limits::new(&stop, f64::INFINITY);
+        let problem = coulomb(&self.compliance, &q, &self.mu, &rigid);
+        let limits = Limits::new(&GO, f64::INFINITY);
         decide(&of_problem(&problem).unwrap(), load, limits).unwrap()
     }
 
@@ -128,7 +122,7 @@ impl<const D: usize> Contacts<D> {
     /// a `distance` of `K*_μ`, and `e·d > 0` beyond rounding.
     fn is_proof(&self, load: &[f64], motion: &[f64], distance: f64) -> bool {
         let size = (0..self.mu.len())
-            .map(|i| length(&self.moved(i, motion)))
+            .map(|i| norm(&self.moved(i, motion)))
             .fold(0.0, f64::max);
         let inside = |i: usize| {
             let v = self.moved(i, motion);
@@ -212,9 +206,9 @@ fn unbalanced_loads_are_refused<const D: usize>(
                 .collect();
             let mut load = case.balanced_by(&r);
             let work: f64 = load.iter().zip(&away).map(|(e, d)| e * d).sum();
-            let size = length(&load).max(0.1) * length(&away);
+            let size = norm(&load).max(0.1) * norm(&away);
             // e·d is −r·(R d) ≤ 0 before, and share of ‖e‖‖d‖ after.
-            let missing = (share * size - work) / length(&away).powi(2);
+            let missing = (share * size - work) / norm(&away).powi(2);
             for (e, d) in load.iter_mut().zip(&away) {
                 *e += missing * d;
             }
@@ -293,14 +287,14 @@ fn the_motion_is_the_one_that_the_block_makes() {
     let motion = |load: [f64; 3]| block(9, 0.3).decide(&load).motion;
     // A proof may have any length.
     let close = |found: Vec<f64>, expected: [f64; 3]| {
-        let scale = length(&expected) / length(&found);
+        let scale = norm(&expected) / norm(&found);
         let miss: Vec<f64> = found
             .iter()
             .zip(&expected)
             .map(|(a, b)| scale * a - b)
             .collect();
         // A proof keeps 1e-13 clear of the edge, and rounds.
-        assert!(length(&miss) <= 1e-10, "{found:?}");
+        assert!(norm(&miss) <= 1e-10, "{found:?}");
     };
     // Slides along x and rises by μ, on the edge of K*_μ.
     close(motion([0.301, -1.0, 0.2]), [1.0, 0.3, 0.0]);
@@ -347,10 +341,8 @@ fn the_solver_refuses_in_its_first_round() {
             load: load.to_vec(),
         };
         let q = vec![[0.0; 2]; 5];
-        let problem =
-            Reduced::new(&case.compliance, &q, &ContactLaw::coulomb(&case.mu), &rigid).unwrap();
-        let stop = AtomicBool::new(false);
-        solve(&problem, &Settings::default(), &Start::default(), &stop).unwrap()
+        let problem = coulomb(&case.compliance, &q, &case.mu, &rigid);
+        solve(&problem, &Settings::default(), &Start::default(), &GO).unwrap()
     };
     let held = solved([0.29, -1.0, 0.0]);
     assert_eq!(held.outcome, Outcome::Converged);
@@ -382,13 +374,7 @@ fn contradiction_of_an_unsymmetric_compliance_uses_its_rows() {
     ] {
         let compliance = normal_compliance(w);
         let q = [[-0.5, 0.0]; 2];
-        let problem = Reduced::new(
-            &compliance,
-            &q,
-            &ContactLaw::coulomb(&[0.0; 2]),
-            &Rigid::default(),
-        )
-        .unwrap();
+        let problem = coulomb(&compliance, &q, &[0.0; 2], &Rigid::default());
         assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
         assert!(!is_contradiction(&problem, &[-1.0, -1.0]));
     }
@@ -400,13 +386,7 @@ fn gaps_that_sum_to_zero_but_for_rounding_are_no_contradiction() {
     let compliance = normal_compliance([[1.0, -1.0], [-1.0, 1.0]]);
     for (rounding, proof) in [(6e-17, false), (1e-6, true)] {
         let q = [[0.3 - rounding, 0.0], [-0.3, 0.0]];
-        let problem = Reduced::new(
-            &compliance,
-            &q,
-            &ContactLaw::coulomb(&[0.0; 2]),
-            &Rigid::default(),
-        )
-        .unwrap();
+        let problem = coulomb(&compliance, &q, &[0.0; 2], &Rigid::default());
         assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
     }
 }
@@ -424,13 +404,7 @@ fn pressure_balances_loads_or_is_too_large() {
             modes: vec![vec![[normal, 1.0], [normal, -1.0]]].into(),
             load: vec![-2.0],
         };
-        let problem = Reduced::new(
-            &compliance,
-            &[[0.0; 2]; 2],
-            &ContactLaw::coulomb(&[0.3; 2]),
-            &rigid,
-        )
-        .unwrap();
+        let problem = coulomb(&compliance, &[[0.0; 2]; 2], &[0.3; 2], &rigid);
         assert_eq!(balances(&problem, &pressure), expected);
     }
 }

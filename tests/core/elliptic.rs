@@ -6,10 +6,12 @@
 
 use std::borrow::Cow;
 
+use crate::common::minus;
 use bipot_rs::Error;
 use bipot_rs::law::bipotential::{gap, law_step};
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::elliptic::{project_elliptic, project_elliptic_increment};
+use bipot_rs::linalg::small::{dot, norm};
 use bipot_rs::linalg::sparse::blocks::Blocks;
 use bipot_rs::linalg::sparse::rows::OwnedMatrix;
 use bipot_rs::reduced::compliance::{Compliance, Part};
@@ -18,18 +20,6 @@ use bipot_rs::reduced::rotation::Rotation;
 use proptest::prelude::*;
 
 const EPS: f64 = f64::EPSILON;
-
-fn norm(a: &[f64; 3]) -> f64 {
-    a.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
-
-fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
 
 /// `‖D⁻¹ x_t‖`.
 fn shear(x: &[f64; 3], mu: [f64; 2]) -> f64 {

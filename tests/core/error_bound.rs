@@ -4,9 +4,10 @@
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 use std::borrow::Cow;
-use std::sync::atomic::AtomicBool;
 
+use crate::common::GO;
 use crate::common::cases::Case;
+use bipot_rs::linalg::small::dot_long as dot;
 use bipot_rs::linalg::verified_cholesky::{VerifiedCholesky, is_definite};
 use bipot_rs::proof::error_bound::{BoundKind, Prepared, Reason};
 use bipot_rs::reduced::compliance::Compliance;
@@ -32,21 +33,16 @@ fn product(a: &[f64], x: &[f64]) -> Vec<f64> {
     (0..n).map(row).collect()
 }
 
-fn dot(x: &[f64], y: &[f64]) -> f64 {
-    x.iter().zip(y).map(|(x, y)| x * y).sum()
-}
-
 /// Points on the border of `dᵀAd + e·d ≤ 0` lie in what is said of them, and some of
 /// them near its border.
 #[test]
 fn an_ellipsoid_contains_its_points_tightly() {
-    let stop = AtomicBool::new(false);
     for seed in 0..40 {
         let mut rng = StdRng::seed_from_u64(seed);
         let n = rng.random_range(1..=6);
         let a = random_matrix(&mut rng, n, 0.3);
         let e: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
-        let below = VerifiedCholesky::new(a.clone(), n, 0.0, &stop)
+        let below = VerifiedCholesky::new(a.clone(), n, 0.0, &GO)
             .unwrap()
             .unwrap();
         let ellipsoid = below.ellipsoid(&e, &vec![0.0; n]);
@@ -72,24 +68,22 @@ fn an_ellipsoid_contains_its_points_tightly() {
 /// What a matrix may be off by is subtracted, and so is rounding.
 #[test]
 fn a_matrix_is_definite_only_beyond_its_error() {
-    let stop = AtomicBool::new(false);
     let diagonal = |last: f64| vec![1.0, 0.0, 0.0, last];
-    assert!(is_definite(diagonal(1e-3), 2, 0.9e-3, &stop).unwrap());
-    assert!(!is_definite(diagonal(1e-3), 2, 1.1e-3, &stop).unwrap());
+    assert!(is_definite(diagonal(1e-3), 2, 0.9e-3, &GO).unwrap());
+    assert!(!is_definite(diagonal(1e-3), 2, 1.1e-3, &GO).unwrap());
     // Positive, but by less than rounding of the largest may have made.
-    assert!(!is_definite(diagonal(1e-16), 2, 0.0, &stop).unwrap());
-    assert!(!is_definite(vec![f64::NAN], 1, 0.0, &stop).unwrap());
+    assert!(!is_definite(diagonal(1e-16), 2, 0.0, &GO).unwrap());
+    assert!(!is_definite(vec![f64::NAN], 1, 0.0, &GO).unwrap());
     // By more than that.
-    assert!(is_definite(diagonal(1e-14), 2, 0.0, &stop).unwrap());
+    assert!(is_definite(diagonal(1e-14), 2, 0.0, &GO).unwrap());
 }
 
 /// An error of the right side widens the ellipsoid by what it can do.
 #[test]
 fn an_uncertain_side_is_covered() {
-    let stop = AtomicBool::new(false);
     let mut rng = StdRng::seed_from_u64(5);
     let a = random_matrix(&mut rng, 4, 0.5);
-    let below = VerifiedCholesky::new(a, 4, 0.0, &stop).unwrap().unwrap();
+    let below = VerifiedCholesky::new(a, 4, 0.0, &GO).unwrap().unwrap();
     let e = [0.3, -0.2, 0.1, 0.7];
     let error = [1e-3, 2e-3, 0.0, 1e-3];
     let wide = below.ellipsoid(&e, &error);
@@ -108,12 +102,11 @@ fn an_uncertain_side_is_covered() {
 /// The bound of a point that is off by a known amount: it contains the solution, number by
 /// number and in energy, and is not much larger than the error. Counts the kinds.
 fn solution_is_within_its_bound<const D: usize>(mu: f64, seed: u64, kinds: &mut [usize; 3]) {
-    let stop = AtomicBool::new(false);
     let case = Case::<D>::held(5, mu, seed);
     let problem = case.problem();
     let solution = case.solve(Method::Auto);
     let exact = solution.reaction;
-    let bounds = Prepared::new(&problem, &stop).unwrap();
+    let bounds = Prepared::new(&problem, &GO).unwrap();
     let mut rng = StdRng::seed_from_u64(seed);
     for size in [1e-2, 1e-5, 1e-8] {
         let mut point = exact.clone();
@@ -124,7 +117,7 @@ fn solution_is_within_its_bound<const D: usize>(mu: f64, seed: u64, kinds: &mut 
                 *value += size * rng.random_range(-1.0..1.0);
             }
         }
-        let bound = bounds.bound(&problem, (&point, &[]), None, &stop).unwrap();
+        let bound = bounds.bound(&problem, (&point, &[]), None, &GO).unwrap();
         kinds[match bound.kind {
             BoundKind::Global => 0,
             BoundKind::Local => 1,
@@ -177,14 +170,13 @@ fn bounds_contain_the_solution() {
 /// Each reason by a problem that has nothing else.
 #[test]
 fn no_bound_without_a_reason() {
-    let stop = AtomicBool::new(false);
     let told = |w: [f64; 16], q: f64, r: [[f64; 2]; 2]| {
         let mut case = Case::<2>::held(2, 0.3, 1);
         case.compliance = Compliance::from_dense(2, Cow::Owned(w.to_vec())).unwrap();
         case.q = vec![[q, 0.0], [-1.0, 0.5]];
         let problem = case.problem();
-        let bounds = Prepared::new(&problem, &stop).unwrap();
-        let bound = bounds.bound(&problem, (&r, &[]), None, &stop).unwrap();
+        let bounds = Prepared::new(&problem, &GO).unwrap();
+        let bound = bounds.bound(&problem, (&r, &[]), None, &GO).unwrap();
         match bound.kind {
             BoundKind::NotAvailable(reason) => reason.told(),
             kind => (kind.name(), 0),

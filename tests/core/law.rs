@@ -1,31 +1,19 @@
-//! Properties of the law: geometry of the projection, its derivative, the bipotential, and
-//! the one-node problem.
+//! Properties of the law: geometry of the projection, the bipotential, and the one-node problem.
 
 #![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
 #![expect(clippy::cast_precision_loss, reason = "dimensions are 2 and 3")]
 
-use bipot_rs::law::bipotential::{StartState, corrected, gap, law_step};
-use bipot_rs::law::cone::{Status, derivative, project, project_increment};
+use crate::common::minus;
+use bipot_rs::law::bipotential::{corrected, gap, law_step};
+use bipot_rs::law::cone::{Status, project, project_increment};
 use bipot_rs::law::face::{Face, Place};
 use bipot_rs::law::one_node::{self, Habit};
 use bipot_rs::law::second_order::{self, NesterovTodd};
-use bipot_rs::linalg::small::{Block, Vector, tangential_norm};
+use bipot_rs::linalg::small::{Block, Vector, dot, norm, tangential_norm};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const EPS: f64 = f64::EPSILON;
-
-fn norm<const D: usize>(a: &[f64; D]) -> f64 {
-    a.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-fn dot<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
-
-fn minus<const D: usize>(a: &[f64; D], b: &[f64; D]) -> [f64; D] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
 
 /// Points of all sizes and a friction coefficient from none to huge.
 fn point_and_mu<const D: usize>() -> impl Strategy<Value = ([f64; D], f64)> {
@@ -119,31 +107,6 @@ proptest! {
             prop_assert_eq!(dt, tau);
         }
     }
-
-    #[test]
-    fn derivative_is_that_of_differences((tau, mu) in point_and_mu::<3>(), seed in 0..3_usize) {
-        // Away from the kinks, where the projection is smooth: by 1e-3 of the size.
-        let size = norm(&tau);
-        prop_assume!(size > 1e-3 && mu < 1e3);
-        let t = tangential_norm(&tau);
-        let to_cone = (t - mu * tau[0]).abs() / mu.hypot(1.0);
-        let to_polar = (tau[0] + mu * t).abs() / mu.hypot(1.0);
-        prop_assume!(to_cone > 1e-3 * size && to_polar > 1e-3 * size && t > 1e-3 * size);
-        let jacobian = derivative(&tau, mu);
-        let h = 1e-6 * size;
-        let shifted = |sign: f64| {
-            let mut x = tau;
-            x[seed] += sign * h;
-            project(&x, mu).0
-        };
-        let (up, down) = (shifted(1.0), shifted(-1.0));
-        for k in 0..3 {
-            let slope = (up[k] - down[k]) / (2.0 * h);
-            // Central differences: third derivatives are at most (size/t)² ~ 1e6 in
-            // units of the size, h² = 1e-12 of it, rounding ε/1e-6.
-            prop_assert!((slope - jacobian[(k, seed)]).abs() <= 1e-5);
-        }
-    }
 }
 
 #[test]
@@ -171,79 +134,6 @@ fn vertex_ends_of_the_range_and_special_coefficients() {
     }
     let (r, _) = project(&[f64::MAX / 4.0; 3], 0.7);
     assert!(r.iter().all(|c| c.is_finite() && *c > 0.0));
-}
-
-#[test]
-fn bipotential_is_never_below_the_product_and_equal_on_the_law() {
-    use rand::{RngExt, SeedableRng, rngs::StdRng};
-    let mut rng = StdRng::seed_from_u64(54);
-    for case in 0..20_000 {
-        let mu = [0.0, 0.3, 1.5][case % 3];
-        // On the law at the start: pressed without gap, or open without reaction.
-        let mut state = StartState {
-            reaction: [0.0; 3],
-            opening: rng.random_range(0.0..2.0),
-        };
-        if case % 2 == 0 {
-            let n: f64 = rng.random_range(0.0..2.0);
-            let angle: f64 = rng.random_range(0.0..std::f64::consts::TAU);
-            let t = mu * n * rng.random_range(0.0..1.0);
-            state = StartState {
-                reaction: [n, t * angle.cos(), t * angle.sin()],
-                opening: 0.0,
-            };
-        }
-        let any =
-            |rng: &mut StdRng| -> [f64; 3] { std::array::from_fn(|_| rng.random_range(-2.0..2.0)) };
-        // Anywhere in the domain: b(−Δu, Δt) ≥ −Δu·Δt [dSF91, 11].
-        let mut du = any(&mut rng);
-        du[0] = du[0].abs() - state.opening;
-        let (dt, _) = project_increment(&any(&mut rng), &state.reaction, mu);
-        let b = state.bipotential(&du, &dt, mu);
-        let size = (1.0 + norm(&state.reaction) + norm(&dt)) * (1.0 + norm(&du) + state.opening);
-        assert!(b + dot(&du, &dt) >= -8.0 * EPS * (1.0 + mu) * size);
-        // On the law: the projection step (79) leaves Δt where it is, and b is equal.
-        let (dt, du) = on_the_law(&state, &any(&mut rng), mu);
-        let b = state.bipotential(&du, &dt, mu);
-        let size = (1.0 + norm(&state.reaction) + norm(&dt)) * (1.0 + norm(&du) + state.opening);
-        assert!(
-            (b + dot(&du, &dt)).abs() <= 32.0 * EPS * (1.0 + mu) * size,
-            "case {case}"
-        );
-        // Off the law by a slip that nothing opposes, there is a gap.
-        let mut wrong = du;
-        wrong[1] += 1.0;
-        let total: [f64; 3] = std::array::from_fn(|k| state.reaction[k] + dt[k]);
-        if mu > 0.0 && total[0] > 0.1 && du[1] >= 0.0 && total[1] > -0.9 * mu * total[0] {
-            let gap = state.gap(&wrong, &dt, mu) - state.gap(&du, &dt, mu);
-            assert!(gap > 1e-3);
-        }
-    }
-    // Outside its domain it is infinite.
-    let state = StartState {
-        reaction: [1.0, 0.0],
-        opening: 0.0,
-    };
-    assert_eq!(
-        state.bipotential(&[-0.1, 0.0], &[0.0, 0.0], 0.3),
-        f64::INFINITY
-    );
-    assert_eq!(
-        state.bipotential(&[0.0, 0.0], &[0.0, 0.5], 0.3),
-        f64::INFINITY
-    );
-}
-
-/// A pair on the law: the projection of any point splits it into a reaction and
-/// minus a corrected displacement, `τ = t − ṽ`.
-fn on_the_law(state: &StartState<3>, tau: &[f64; 3], mu: f64) -> ([f64; 3], [f64; 3]) {
-    let (total, _) = project(tau, mu);
-    let tilde = minus(&total, tau);
-    let slip = tangential_norm(&tilde);
-    let du = [tilde[0] - mu * slip - state.opening, tilde[1], tilde[2]];
-    // v_n = ṽ_n − μ‖v_t‖ is zero or positive on the law; take rounding out of it.
-    let du = [du[0].max(-state.opening), du[1], du[2]];
-    (minus(&total, &state.reaction), du)
 }
 
 #[test]
@@ -281,34 +171,6 @@ fn one_node_published_values() {
     for (x, y) in r.iter().zip([1.076_523_77, -0.422_976_89, -0.080_716_13]) {
         assert!((x - y).abs() <= 5e-9, "eight printed digits: {x} {y}");
     }
-}
-
-#[test]
-fn one_node_is_exact_on_random_blocks() {
-    use rand::{RngExt, SeedableRng, rngs::StdRng};
-    let mut rng = StdRng::seed_from_u64(18);
-    let mut statuses = [0; 3];
-    for _ in 0..20_000 {
-        let mut g = Block::<3>::zeros();
-        g.iter_mut().for_each(|x| *x = rng.random_range(-1.0..1.0));
-        let scale = 10.0_f64.powi(rng.random_range(-12..12));
-        let w = (g * g.transpose() + Block::identity() * 10.0_f64.powi(rng.random_range(-6..1)))
-            * scale;
-        let q: [f64; 3] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
-        let mu = [0.0, 0.1, 0.7, 3.0, 1e4][rng.random_range(0..5)];
-        let (r, status) = one_node::solve(&w, &q, mu, Habit::None).unwrap();
-        statuses[status as usize] += 1;
-        // Rounding of v relative to q is cond(W) ε; the blocks reach 1e7, and μ
-        // multiplies it in ṽ.
-        assert!(
-            misfit(&w, &q, mu, &r) <= 1e-12 * (1.0 + mu),
-            "{w} {q:?} {mu} {r:?}"
-        );
-        let plane = Block::<2>::new(w[(0, 0)], w[(0, 1)], w[(1, 0)], w[(1, 1)]);
-        let (r, _) = one_node::solve(&plane, &[q[0], q[1]], mu, Habit::None).unwrap();
-        assert!(misfit(&plane, &[q[0], q[1]], mu, &r) <= 1e-12 * (1.0 + mu));
-    }
-    assert!(statuses.iter().all(|&count| count > 1000), "{statuses:?}");
 }
 
 #[test]

@@ -9,9 +9,11 @@
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
+use crate::common::{GO, bits, with_threads};
 use bipot_rs::error::Error;
 use bipot_rs::linalg::compensated::{Sum, dot};
 use bipot_rs::linalg::gmres::{self, GmresSolution};
+use bipot_rs::linalg::jacobi::{combine, orthogonalise};
 use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::norm;
 use rand::{RngExt, SeedableRng, rngs::StdRng, seq::SliceRandom};
@@ -32,7 +34,7 @@ fn apart(a: &[f64], b: &[f64]) -> f64 {
 }
 
 fn factored(a: &[f64], n: usize) -> Option<Lu> {
-    Lu::new(a.to_vec(), n, &AtomicBool::new(false)).unwrap()
+    Lu::new(a.to_vec(), n, &GO).unwrap()
 }
 
 #[test]
@@ -63,17 +65,10 @@ fn lu_has_the_same_bits_on_any_number_of_threads() {
         let mut rng = StdRng::seed_from_u64(n as u64);
         let (a, b) = (vector(n * n, &mut rng), vector(n, &mut rng));
         let run = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .unwrap();
-            let lu = pool.install(|| factored(&a, n)).unwrap();
+            let lu = with_threads(threads, || factored(&a, n)).unwrap();
             let mut x = b.clone();
             lu.solve(&mut x);
-            (
-                lu.sign().to_bits(),
-                x.into_iter().map(f64::to_bits).collect::<Vec<_>>(),
-            )
+            (lu.sign().to_bits(), bits(&x))
         };
         assert_eq!(run(1), run(2));
         assert_eq!(run(1), run(3));
@@ -322,6 +317,35 @@ fn gmres_gives_back_the_error_of_a_product() {
     let apply = |_: &[f64]| Err::<Vec<f64>, _>(Error::Interrupted);
     let ended = gmres::solve(&apply, &|_| (), &[1.0], 1e-10, 10);
     assert_eq!(ended.unwrap_err(), Error::Interrupted);
+}
+
+#[test]
+fn what_is_not_zero_has_a_length() {
+    for size in [5e-324, 1e-300, 1e-170, 1.0, 1e170, 1e300] {
+        let length = norm(&[3.0 * size, 0.0, -4.0 * size]);
+        // A denormal number has one digit.
+        let rounding = (4.0 * EPS * size).max(5e-324);
+        assert!((length - 5.0 * size).abs() <= rounding, "{size}");
+    }
+    assert!(!(norm(&[]) > 0.0) && !(norm(&[0.0, -0.0]) > 0.0));
+    assert!(norm(&[1.0, f64::NEG_INFINITY]).is_infinite());
+    assert!(norm(&[1.0, f64::NAN]).is_nan());
+}
+
+#[test]
+fn small_singular_values_keep_their_digits() {
+    // Columns (1, 0, 0), (1, 1e-12, 0): the singular values are √2 and 1e-12/√2, with a
+    // relative error of 1e-12; from Aᵀ A the smaller one would be 0.
+    let mut columns = vec![vec![1.0, 0.0, 0.0], vec![1.0, 1e-12, 0.0]];
+    let before = columns.clone();
+    let amounts = orthogonalise(&mut columns);
+    let mut sizes: Vec<f64> = columns.iter().map(|c| norm(c)).collect();
+    sizes.sort_by(f64::total_cmp);
+    assert!((sizes[0] / (1e-12 / 2.0_f64.sqrt()) - 1.0).abs() < 1e-11);
+    assert!((sizes[1] / 2.0_f64.sqrt() - 1.0).abs() < 1e-15);
+    for (column, amounts) in columns.iter().zip(&amounts) {
+        assert!(apart(column, &combine(&before, amounts)) < 2e-15);
+    }
 }
 
 #[test]

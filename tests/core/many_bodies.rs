@@ -8,9 +8,9 @@
 )]
 
 use std::borrow::Cow;
-use std::sync::atomic::AtomicBool;
 
-use bipot_rs::law::contact_law::ContactLaw;
+use crate::common::GO;
+use crate::common::cases::coulomb;
 use bipot_rs::linalg::small::Block;
 use bipot_rs::linalg::sparse::blocks::Blocks;
 use bipot_rs::reduced::compliance::{Compliance, Part};
@@ -19,8 +19,6 @@ use bipot_rs::reduced::residual::residual;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::{Outcome, Settings, Start, interior, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
-
-static GO: AtomicBool = AtomicBool::new(false);
 
 /// Square blocks on each other, with two corners a joint; of each the motions along x, along y
 /// and about its middle.
@@ -75,8 +73,8 @@ impl Tower {
     fn with<T>(&self, sparse: bool, ask: impl FnOnce(&Reduced<2>) -> T) -> T {
         let compliance = self.compliance(sparse);
         let n = 2 * self.blocks;
-        let law = ContactLaw::coulomb(&vec![0.5; n]);
-        let problem = Reduced::new(&compliance, &vec![[0.0; 2]; n], &law, &self.rigid).unwrap();
+        let (q, mu) = (vec![[0.0; 2]; n], vec![0.5; n]);
+        let problem = coulomb(&compliance, &q, &mu, &self.rigid);
         assert_eq!(problem.scaling.is_sparse(), sparse);
         ask(&problem)
     }

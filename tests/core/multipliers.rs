@@ -4,9 +4,9 @@
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 use std::borrow::Cow;
-use std::sync::atomic::AtomicBool;
 
-use crate::common::cases::{Case, difference};
+use crate::common::GO;
+use crate::common::cases::{Case, difference, settings};
 use bipot_rs::law::alart_curnier::linearised;
 use bipot_rs::law::cone::Status;
 use bipot_rs::linalg::small::Block;
@@ -14,19 +14,10 @@ use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::newton::newton::{Near, run_near};
 use bipot_rs::solver::paper::multipliers::{LAGRANGIAN, RETURN, regularise};
-use bipot_rs::solver::{Method, Outcome, Settings, Start, certify, solve};
+use bipot_rs::solver::{Method, Outcome, Settings, certify};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const BOTH: [Method; 2] = [Method::ReturnMapping, Method::PerturbedLagrangian];
-
-static GO: AtomicBool = AtomicBool::new(false);
-
-fn settings(tol: f64) -> Settings {
-    Settings {
-        tol,
-        ..Settings::default()
-    }
-}
 
 /// The problem of one penalty and multipliers, by the name of the method.
 fn near<const D: usize>(method: Method, penalty: f64, multipliers: Vec<[f64; D]>) -> Near<D> {
@@ -46,7 +37,7 @@ fn penalised<const D: usize>(
     start: &[[f64; D]],
 ) -> Vec<[f64; D]> {
     let problem = case.problem();
-    let (settings, progress) = (settings(1e-15), Progress::default());
+    let (settings, progress) = (settings(Method::Auto, 1e-15), Progress::default());
     let mut monitor = Monitor::new(&problem, &settings, &GO, &progress);
     let contacts = case.q.len();
     let law = near(method, penalty, vec![[0.0; D]; contacts]);
@@ -190,7 +181,7 @@ fn a_penalty_alone_is_never_called_converged() {
             let r = penalised(&case, method, 1e4, &[[0.0; 3]; 6]);
             let r = case.compliance.gather(&r);
             let problem = case.problem();
-            let found = certify(&problem, &settings(1e-8), &r, &[], &GO).unwrap();
+            let found = certify(&problem, &settings(Method::Auto, 1e-8), &r, &[], &GO).unwrap();
             assert_eq!(found.outcome, Outcome::Stalled);
             // 1/ε, times the share of reactions in the size of η.
             assert!((1e-6..1e-3).contains(&found.residual), "{}", found.residual);
@@ -233,12 +224,10 @@ fn beyond_all_proofs_a_point_that_does_not_satisfy_the_law_has_stalled() {
         for mu in [3.0, 10.0] {
             let case = Case::<2>::held(5, mu, seed);
             for method in BOTH {
-                let settings = Settings {
-                    method,
+                let found = case.run(&Settings {
                     max_iterations: 2000,
-                    ..settings(1e-10)
-                };
-                let found = solve(&case.problem(), &settings, &Start::default(), &GO).unwrap();
+                    ..settings(method, 1e-10)
+                });
                 let below = found.residual <= found.tolerance;
                 assert_eq!(found.outcome == Outcome::Converged, below, "{seed} {mu}");
             }

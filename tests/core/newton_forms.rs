@@ -4,8 +4,8 @@
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 use std::borrow::Cow;
-use std::sync::atomic::AtomicBool;
 
+use crate::common::GO;
 use crate::common::cases::{Case, compliance, difference};
 use bipot_rs::law::cone::Status;
 use bipot_rs::linalg::small::Vector;
@@ -18,8 +18,6 @@ use bipot_rs::solver::newton::refine::{RefinedPoint, forward_change, forward_err
 use bipot_rs::solver::newton::stiffness_form::StiffnessForm;
 use bipot_rs::solver::{Method, Outcome};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
-
-static GO: AtomicBool = AtomicBool::new(false);
 
 /// A point, not on the law, that a step starts from.
 struct Point<const D: usize> {

@@ -5,7 +5,7 @@
 use crate::common::double_double::Double;
 use bipot_rs::law::cone::Status;
 use bipot_rs::law::one_node::{self, Habit};
-use bipot_rs::linalg::small::Block;
+use bipot_rs::linalg::small::{Block, norm};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const BLOCKS: usize = 100_000;
@@ -36,10 +36,6 @@ fn dot(a: &[Double], b: &[Double]) -> Double {
 
 fn length(a: &[Double]) -> Double {
     sqrt(dot(a, a))
-}
-
-fn norm(a: &[f64]) -> f64 {
-    a.iter().map(|c| c * c).sum::<f64>().sqrt()
 }
 
 /// One problem in doubled precision.

@@ -8,8 +8,6 @@
     reason = "counts are small; a helper of a test may fail"
 )]
 
-use std::sync::atomic::AtomicBool;
-
 use bipot_rs::Error;
 use bipot_rs::condensation::condense::{Condensed, ProblemArrays, SortedProblem};
 use bipot_rs::law::cone::Status;
@@ -29,7 +27,9 @@ use bipot_rs::solver::{Outcome, Settings};
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+use crate::common::cases::difference;
 use crate::common::elasticity::{Assembled, Grid};
+use crate::common::{GO, bits, with_threads};
 
 /// A block on a block of the same section. The lower one is turned by half a turn around x, so
 /// that its contact face too is where its last coordinate is zero.
@@ -194,14 +194,13 @@ impl Blocks {
     }
 
     fn primal(&self) -> Vec<PrimalStep<3>> {
-        let never = AtomicBool::new(false);
         let problem = self
-            .arrays(|arrays| Primal::new(&arrays, None, false, &AtomicBool::new(false)))
+            .arrays(|arrays| Primal::new(&arrays, None, false, &GO))
             .unwrap();
         let mut path = PrimalPath::default();
         let mut advance = |(load, prescribed): (Vec<f64>, Vec<f64>)| {
             let made = path
-                .advance(&problem, &load, &prescribed, &tight(), &never)
+                .advance(&problem, &load, &prescribed, &tight(), &GO)
                 .unwrap();
             assert_eq!(made.step.solution.outcome, Outcome::Converged);
             made
@@ -211,16 +210,15 @@ impl Blocks {
 
     /// Compares both steps with the direct path. Returns Krylov products and statuses.
     fn agrees(&self) -> (usize, Vec<Status>) {
-        let never = AtomicBool::new(false);
         let problem = self
-            .arrays(|arrays| Condensed::new(SortedProblem::new(arrays)?, None, &never))
+            .arrays(|arrays| Condensed::new(SortedProblem::new(arrays)?, None, &GO))
             .unwrap();
         let mut path = LoadPath::default();
         let mut krylov = 0;
         let mut statuses = Vec::new();
         for (made, (load, prescribed)) in self.primal().into_iter().zip(self.steps()) {
             let step = path
-                .advance(&problem, &load, &prescribed, &tight(), &never)
+                .advance(&problem, &load, &prescribed, &tight(), &GO)
                 .unwrap();
             let (found, direct) = (&made.step.solution, &step.solution);
             assert_eq!(direct.outcome, Outcome::Converged);
@@ -243,15 +241,6 @@ fn tight() -> Settings {
     }
 }
 
-fn difference(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
-    let mut squares = [0.0; 2];
-    for (x, y) in a.as_flattened().iter().zip(b.as_flattened()) {
-        squares[0] += (x - y).powi(2);
-        squares[1] += y * y;
-    }
-    (squares[0] / squares[1]).sqrt()
-}
-
 fn share(statuses: &[Status], of: Status) -> f64 {
     let count = statuses.iter().filter(|&&status| status == of).count();
     count as f64 / statuses.len() as f64
@@ -261,14 +250,13 @@ fn share(statuses: &[Status], of: Status) -> f64 {
 #[test]
 fn a_row_out_of_balance_is_no_solution() {
     let blocks = Blocks::new(4, 4, 1.0, 0.3, false);
-    let never = AtomicBool::new(false);
     let problem = blocks
-        .arrays(|arrays| Primal::new(&arrays, None, false, &never))
+        .arrays(|arrays| Primal::new(&arrays, None, false, &GO))
         .unwrap();
     let [(load, prescribed), _] = blocks.steps();
     let [first, _] = blocks.primal().try_into().unwrap();
     let force = problem.force(&load, &prescribed).unwrap().values;
-    let mut engine = Local::new(&problem, &never, None);
+    let mut engine = Local::new(&problem, &GO, None);
     let y = problem.unknowns(&first.displacement);
     let mut e = engine.product(&y).unwrap();
     for (e, f) in e.iter_mut().zip(&force) {
@@ -376,16 +364,12 @@ fn work_does_not_grow_with_the_mesh() {
 fn same_bits_on_one_and_two_threads() {
     let blocks = Blocks::new(12, 8, 0.1, 0.3, false);
     let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let made = pool.unwrap().install(|| blocks.primal());
-        let bits = |x: &f64| x.to_bits();
-        made.iter()
-            .flat_map(|step| {
-                let reactions = step.step.solution.reaction.as_flattened();
-                let all = step.displacement.iter().chain(reactions);
-                all.map(bits).collect::<Vec<_>>()
-            })
-            .collect::<Vec<_>>()
+        let made = with_threads(threads, || blocks.primal());
+        let all = |step: &PrimalStep<3>| {
+            let reactions = step.step.solution.reaction.as_flattened();
+            [bits(&step.displacement), bits(reactions)]
+        };
+        made.iter().flat_map(all).collect::<Vec<_>>()
     };
     assert!(run(1) == run(2));
 }
@@ -403,7 +387,7 @@ fn a_contact_needs_a_node_of_its_own() {
     }
     blocks.gap.push([0.0; 3]);
     let refused = blocks
-        .arrays(|arrays| Primal::new(&arrays, None, false, &AtomicBool::new(false)))
+        .arrays(|arrays| Primal::new(&arrays, None, false, &GO))
         .unwrap_err();
     assert!(
         matches!(
@@ -462,9 +446,8 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
         (Blocks::new(4, 4, 0.3, 0.3, false), 1),
         (Blocks::new(4, 3, 2.0, 0.3, true), 2),
     ] {
-        let never = AtomicBool::new(false);
         let problem = blocks
-            .arrays(|arrays| Primal::new(&arrays, None, false, &never))
+            .arrays(|arrays| Primal::new(&arrays, None, false, &GO))
             .unwrap();
         let statuses = blocks.primal().pop().unwrap().step.solution.status;
         let mixed: Vec<Status> = statuses
@@ -493,11 +476,8 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
         let g = mask(numbers(n, seed + 4));
         let (mut dr, mut dy, mut hierarchy) = (s.clone(), g.clone(), None);
         let mut step = LinearisedStep::new(&problem, &laws).unwrap();
-        assert!(
-            step.solve(&mut dr, &mut dy, &mut hierarchy, &never)
-                .unwrap()
-        );
-        let mut engine = Local::new(&problem, &never, None);
+        assert!(step.solve(&mut dr, &mut dy, &mut hierarchy, &GO).unwrap());
+        let mut engine = Local::new(&problem, &GO, None);
         let whole = |own: &[[f64; 3]]| {
             let mut whole = vec![[0.0; 3]; mixed.len()];
             for (law, own) in laws.iter().zip(own) {
@@ -538,7 +518,7 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
             .collect::<Vec<_>>();
         let (mut w, mut b) = (rho.clone(), e.clone());
         assert!(
-            step.solve_transposed(&mut w, &mut b, &mut hierarchy, &never)
+            step.solve_transposed(&mut w, &mut b, &mut hierarchy, &GO)
                 .unwrap()
         );
         let terms = |x: &[[f64; 3]], y: &[f64], s: &[[f64; 3]], g: &[f64]| -> Vec<f64> {

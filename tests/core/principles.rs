@@ -4,9 +4,9 @@
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 use std::borrow::Cow;
-use std::sync::atomic::AtomicBool;
 
-use crate::common::cases::{Case, compliance, difference};
+use crate::common::cases::{Case, apart, compliance, difference, settings};
+use crate::common::{GO, with_threads};
 use bipot_rs::error::Error;
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::frozen::Frozen;
@@ -14,6 +14,7 @@ use bipot_rs::linalg::dense::symmetric_eigen;
 use bipot_rs::proof::error_bound::Prepared;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
+use bipot_rs::solver::enumerate::Enumeration;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::outcome::Ended;
 use bipot_rs::solver::paper::principles::convex::{PrinciplePoint, minimise};
@@ -21,7 +22,7 @@ use bipot_rs::solver::paper::principles::minimising_sequence::Sequence;
 use bipot_rs::solver::paper::principles::{
     alternating_principles, displacement_principle, minimising_sequence, stress_principle,
 };
-use bipot_rs::solver::{Method, Outcome, Settings, Solution, Start, enumerate, solve};
+use bipot_rs::solver::{Method, Outcome, Settings, Start, enumerate, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const PRINCIPLES: [Method; 4] = [
@@ -30,15 +31,6 @@ const PRINCIPLES: [Method; 4] = [
     Method::StressPrinciple,
     Method::MinimisingSequence,
 ];
-
-static GO: AtomicBool = AtomicBool::new(false);
-
-fn settings(tol: f64) -> Settings {
-    Settings {
-        tol,
-        ..Settings::default()
-    }
-}
 
 // Dense algebra of small matrices, rows of rows.
 
@@ -139,7 +131,7 @@ fn answer<const D: usize>(
     frozen: Vec<Frozen<D>>,
     from: &PrinciplePoint<D>,
 ) -> PrinciplePoint<D> {
-    let (settings, progress) = (settings(1e-15), Progress::default());
+    let (settings, progress) = (settings(Method::Auto, 1e-15), Progress::default());
     let mut monitor = Monitor::new(problem, &settings, &GO, &progress);
     let enough = 1e-13 * from.merit(problem);
     minimise(problem, frozen, from, enough, &mut monitor).unwrap()
@@ -153,11 +145,6 @@ fn reactions<const D: usize>(case: &Case<D>, seed: u64) -> Vec<[f64; D]> {
         project(&tau, *mu).0
     };
     case.mu.iter().map(any).collect()
-}
-
-fn apart<const D: usize>(a: &[[f64; D]], b: &[[f64; D]]) -> Vec<f64> {
-    let pairs = a.as_flattened().iter().zip(b.as_flattened());
-    pairs.map(|(x, y)| x - y).collect()
 }
 
 /// Passes from two points are nearer to each other than the points, by the factor
@@ -244,7 +231,7 @@ fn coupled(c: f64, q: [f64; 2], mu: f64) -> Case<2> {
 /// `B` along the sequence.
 fn told<const D: usize>(case: &Case<D>, start: &Start<D>, tol: f64) -> (Vec<f64>, Outcome) {
     let problem = case.problem();
-    let (settings, progress) = (settings(tol), Progress::default());
+    let (settings, progress) = (settings(Method::Auto, tol), Progress::default());
     let mut monitor = Monitor::new(&problem, &settings, &GO, &progress);
     let mut sequence = Sequence::default();
     let end = minimising_sequence::run(&problem, start, &mut monitor, &mut sequence);
@@ -309,16 +296,8 @@ fn the_bifunctional_may_decrease_to_a_positive_limit() {
         };
         let (history, outcome) = told(&case, &start, 1e-10);
         falls(&history, history.first().copied().unwrap_or(1.0));
-        let solution = solve(
-            &case.problem(),
-            &Settings {
-                method: Method::MinimisingSequence,
-                ..settings(1e-10)
-            },
-            &start,
-            &GO,
-        )
-        .unwrap();
+        let settings = settings(Method::MinimisingSequence, 1e-10);
+        let solution = solve(&case.problem(), &settings, &start, &GO).unwrap();
         assert_eq!(solution.outcome, outcome);
         if outcome == Outcome::Stalled {
             stalled += 1;
@@ -333,6 +312,13 @@ fn the_bifunctional_may_decrease_to_a_positive_limit() {
     assert!(stalled > 0);
 }
 
+/// The distance of the nearest answer.
+fn nearest(all: &Enumeration, reaction: &[[f64; 2]]) -> f64 {
+    let answers = all.answers.iter();
+    let apart = answers.map(|(r, _)| difference(reaction, r));
+    apart.fold(f64::INFINITY, f64::min)
+}
+
 /// What every method says of problems whose friction is beyond all proofs.
 #[test]
 fn beyond_the_limits_no_wrong_point_is_a_solution() {
@@ -345,11 +331,7 @@ fn beyond_the_limits_no_wrong_point_is_a_solution() {
             for method in PRINCIPLES.into_iter().chain([Method::Pivoting]) {
                 let solution = plane.solve(method);
                 if solution.outcome == Outcome::Converged {
-                    let nearest = all
-                        .answers
-                        .iter()
-                        .map(|(r, _)| difference(&solution.reaction, r))
-                        .fold(f64::INFINITY, f64::min);
+                    let nearest = nearest(&all, &solution.reaction);
                     // η of 1e-12 and a condition that friction has made worse.
                     assert!(nearest <= 1e-8, "{method:?} {seed} {mu}: {nearest:e}");
                 } else {
@@ -371,11 +353,7 @@ fn pivoting_in_the_plane_ends_at_an_answer_whatever_friction_is() {
             assert!(solution.residual <= solution.floor, "{seed} {mu}");
             let problem = case.problem();
             let all = enumerate::answers(&problem, &GO).unwrap();
-            let nearest = all
-                .answers
-                .iter()
-                .map(|(r, _)| difference(&solution.reaction, r))
-                .fold(f64::INFINITY, f64::min);
+            let nearest = nearest(&all, &solution.reaction);
             // The condition of the law of given statuses, large where μ is.
             assert!(nearest <= 1e-9, "{seed} {mu}: {nearest:e}");
         }
@@ -431,11 +409,12 @@ fn pivoting_in_space_refines_its_polygons() {
 fn bodies_held_by_contact_alone_are_refused_by_name() {
     let case = Case::<2>::floating(6, 0.4, 0.5, 1);
     for (name, method) in Method::NAMES {
-        let settings = Settings {
-            method,
-            ..settings(1e-10)
-        };
-        let solved = solve(&case.problem(), &settings, &Start::default(), &GO);
+        let solved = solve(
+            &case.problem(),
+            &settings(method, 1e-10),
+            &Start::default(),
+            &GO,
+        );
         assert_eq!(solved.is_ok(), method.balances(), "{name}");
         if let Err(error) = solved {
             assert_eq!(error, Error::NotHeld { method: name });
@@ -449,20 +428,11 @@ fn bits_do_not_depend_on_threads() {
     // 260 contacts in space are 780 rows, enough for the products to be shared.
     let case = Case::<3>::of(compliance::<3>(260, 6), 260, 0.4, 6);
     for method in PRINCIPLES {
-        let run = |threads| -> Solution<3> {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .unwrap();
-            pool.install(|| {
-                let settings = Settings {
-                    method,
-                    max_iterations: 12,
-                    ..settings(1e-10)
-                };
-                solve(&case.problem(), &settings, &Start::default(), &GO).unwrap()
-            })
+        let settings = Settings {
+            max_iterations: 12,
+            ..settings(method, 1e-10)
         };
+        let run = |threads| with_threads(threads, || case.run(&settings));
         let (one, two) = (run(1), run(2));
         assert_eq!(one.reaction, two.reaction);
         assert_eq!(one.history, two.history);

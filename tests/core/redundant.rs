@@ -3,8 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
-use std::sync::atomic::AtomicBool;
-
+use crate::common::GO;
 use bipot_rs::law::cone::project;
 use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::linalg::small::Block;
@@ -16,8 +15,6 @@ use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::outcome::Ended;
 use bipot_rs::solver::{Outcome, Settings, Start, interior, proximal, solve};
 use std::borrow::Cow;
-
-static GO: AtomicBool = AtomicBool::new(false);
 
 /// A row of `H`: discs, and the factors of their `x`, `y` and turn.
 type Row = Vec<(usize, [f64; 3])>;

@@ -2,13 +2,15 @@
 #![expect(
     clippy::unwrap_used,
     clippy::cast_precision_loss,
+    clippy::float_cmp,
     reason = "a test may fail, and its counts are small"
 )]
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::common::bodies::{Body, Make};
+use crate::common::elasticity::{Assembled, Grid};
+use crate::common::{GO, bits, with_threads};
 use bipot_rs::error::Error;
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
 use bipot_rs::linalg::sparse::csc::Symmetric;
@@ -16,32 +18,14 @@ use bipot_rs::linalg::sparse::multifrontal::{Factor, Schur};
 use bipot_rs::linalg::sparse::reach::Reach;
 use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
 
-static GO: AtomicBool = AtomicBool::new(false);
-
-fn matrix(body: &Body) -> Symmetric<'_> {
-    Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap()
-}
-
-fn analysed(body: &Body) -> Arc<Symbolic> {
-    Arc::new(Symbolic::analyse(&matrix(body), &body.face, &Options::default()).unwrap())
-}
-
-fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .unwrap();
-    pool.install(work)
-}
-
-fn bits(values: &[f64]) -> Vec<u64> {
-    values.iter().map(|x| x.to_bits()).collect()
+fn analysed(body: &Assembled) -> Arc<Symbolic> {
+    Arc::new(Symbolic::analyse(&body.view(), &body.face(), &Options::default()).unwrap())
 }
 
 /// Large enough for fronts that are shared out by tiles: the cube has 6,591
 /// unknowns and 1.2e9 flops, where whole subtrees end at 2e8.
-fn bodies() -> [Body; 2] {
-    [Make::cube(12).build(), Make::square(40).build()]
+fn bodies() -> [Assembled; 2] {
+    [Grid::cube(12).assemble(), Grid::square(40).assemble()]
 }
 
 fn loads(n: usize, columns: usize) -> Vec<f64> {
@@ -56,13 +40,13 @@ fn s_without_the_factor_has_the_same_bits() {
         let symbolic = analysed(&body);
         // None, one, and more than pass together.
         for columns in [0, 1, 3] {
-            let factor = Factor::new(Arc::clone(&symbolic), &matrix(&body), &GO).unwrap();
-            let mut expected = loads(body.n, columns);
+            let factor = Factor::new(Arc::clone(&symbolic), &body.view(), &GO).unwrap();
+            let mut expected = loads(body.n(), columns);
             factor.condense(&mut expected, columns);
             for threads in [1, 2] {
-                let mut found = loads(body.n, columns);
+                let mut found = loads(body.n(), columns);
                 let schur = with_threads(threads, || {
-                    Schur::new(&symbolic, &matrix(&body), &mut found, &GO).unwrap()
+                    Schur::new(&symbolic, &body.view(), &mut found, &GO).unwrap()
                 });
                 assert_eq!(bits(schur.values()), bits(factor.schur()));
                 assert_eq!(schur.weakest_pivot(), factor.weakest_pivot());
@@ -74,19 +58,19 @@ fn s_without_the_factor_has_the_same_bits() {
 
 #[test]
 fn a_second_matrix_gives_the_bits_of_a_new_factor() {
-    for make in [Make::cube(12), Make::square(40)] {
-        let soft = make.build();
+    for grid in [Grid::cube(12), Grid::square(40)] {
+        let soft = grid.assemble();
         let far_half = 7.0;
-        let body = Make { far_half, ..make }.build();
+        let body = Grid { far_half, ..grid }.assemble();
         let symbolic = analysed(&soft);
-        drop(Factor::new(Arc::clone(&symbolic), &matrix(&soft), &GO).unwrap());
-        let k = matrix(&body);
+        drop(Factor::new(Arc::clone(&symbolic), &soft.view(), &GO).unwrap());
+        let k = body.view();
         let factor = Factor::new(Arc::clone(&symbolic), &k, &GO).unwrap();
         // Nothing is left over for this one.
         let fresh = Factor::new(symbolic, &k, &GO).unwrap();
         assert_eq!(bits(factor.schur()), bits(fresh.schur()));
         assert_eq!(factor.weakest_pivot(), fresh.weakest_pivot());
-        let (mut a, mut b) = (loads(body.n, 2), loads(body.n, 2));
+        let (mut a, mut b) = (loads(body.n(), 2), loads(body.n(), 2));
         factor.condense(&mut a, 2);
         fresh.condense(&mut b, 2);
         assert_eq!(bits(&a), bits(&b));
@@ -96,12 +80,12 @@ fn a_second_matrix_gives_the_bits_of_a_new_factor() {
 #[test]
 fn many_columns_are_those_of_one_thread() {
     for body in bodies() {
-        let factor = Factor::new(analysed(&body), &matrix(&body), &GO).unwrap();
+        let factor = Factor::new(analysed(&body), &body.view(), &GO).unwrap();
         // One column, a block that is not whole, and two blocks.
         for columns in [1, 5, 40] {
             let solved = |threads| {
                 with_threads(threads, || {
-                    let mut x = loads(body.n, columns);
+                    let mut x = loads(body.n(), columns);
                     factor.condense(&mut x, columns);
                     factor.recover(&mut x, columns);
                     x
@@ -115,8 +99,9 @@ fn many_columns_are_those_of_one_thread() {
 #[test]
 fn a_half_solve_has_the_same_bits_alone() {
     for body in bodies() {
-        let factor = Factor::new(analysed(&body), &matrix(&body), &GO).unwrap();
-        let inside: Vec<usize> = (0..body.n).filter(|i| !body.face.contains(i)).collect();
+        let factor = Factor::new(analysed(&body), &body.view(), &GO).unwrap();
+        let face = body.face();
+        let inside: Vec<usize> = (0..body.n()).filter(|i| !face.contains(i)).collect();
         let entries: Vec<[(usize, f64); 2]> = (0..37)
             .map(|k| {
                 let at = |by: usize| inside[k * by % inside.len()];
@@ -144,38 +129,44 @@ fn a_half_solve_has_the_same_bits_alone() {
 
 #[test]
 fn a_refused_matrix_changes_neither_loads_nor_analysis() {
-    let mut body = Make::cube(5).build();
+    let mut body = Grid::cube(5).assemble();
     let symbolic = analysed(&body);
     let factored = |k: &Symmetric| Factor::new(Arc::clone(&symbolic), k, &GO);
-    let whole = bits(factored(&matrix(&body)).unwrap().schur());
-    let other = Make::cube(4).build();
-    let error = factored(&matrix(&other)).unwrap_err();
+    let whole = bits(factored(&body.view()).unwrap().schur());
+    let other = Grid::cube(4).assemble();
+    let error = factored(&other.view()).unwrap_err();
     assert!(matches!(error, Error::Shape { .. }), "{error}");
+    // As many unknowns, another pattern.
+    let cells = [4, 5, 6];
+    let other = Grid {
+        cells,
+        ..Grid::cube(1)
+    }
+    .assemble();
+    assert_eq!(other.n(), body.n());
+    let error = factored(&other.view()).unwrap_err();
+    assert!(matches!(error, Error::SparseStructure { .. }), "{error}");
 
     let good = body.values.clone();
     // Off the diagonal larger than on it: indefinite, with sound diagonals.
-    for j in 0..body.n {
+    for j in 0..body.n() {
         for at in body.col_ptr[j]..body.col_ptr[j + 1] {
             if body.row_idx[at] != j {
                 body.values[at] *= 40.0;
             }
         }
     }
-    let error = factored(&matrix(&body)).unwrap_err();
+    let error = factored(&body.view()).unwrap_err();
     assert!(matches!(error, Error::Indefinite { .. }), "{error}");
-    let mut load = loads(body.n, 1);
-    let error = Schur::new(&symbolic, &matrix(&body), &mut load, &GO).unwrap_err();
+    let mut load = loads(body.n(), 1);
+    let error = Schur::new(&symbolic, &body.view(), &mut load, &GO).unwrap_err();
     assert!(matches!(error, Error::Indefinite { .. }), "{error}");
-    assert_eq!(load, loads(body.n, 1), "loads stay as they were");
-    let stopped = Factor::new(
-        Arc::clone(&symbolic),
-        &matrix(&body),
-        &AtomicBool::new(true),
-    );
+    assert_eq!(load, loads(body.n(), 1), "loads stay as they were");
+    let stopped = Factor::new(Arc::clone(&symbolic), &body.view(), &AtomicBool::new(true));
     assert!(matches!(stopped, Err(Error::Interrupted)));
 
     body.values = good;
-    assert_eq!(bits(factored(&matrix(&body)).unwrap().schur()), whole);
+    assert_eq!(bits(factored(&body.view()).unwrap().schur()), whole);
 }
 
 /// `A = D + x xᵀ`, whose inverse is known: `D⁻¹ − D⁻¹ x xᵀ D⁻¹ / (1 + xᵀ D⁻¹ x)`.
@@ -209,6 +200,7 @@ fn the_inverse_takes_the_place_of_the_factor() {
                 assert_eq!(cholesky(&mut a, n, &GO).unwrap(), None);
                 // Only the lower triangle may be read.
                 for j in 0..n {
+                    assert!(a[j * n..j * n + j].iter().all(|&above| above == 0.0));
                     a[j * n..j * n + j].fill(f64::NAN);
                 }
                 invert_from_cholesky(&mut a, n, &GO).unwrap();

@@ -6,8 +6,9 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use crate::common::GO;
+use crate::common::cases::coulomb;
 use bipot_rs::error::Error;
-use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::proof::uniqueness::{Unique, assess, assess_plane};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
@@ -68,19 +69,11 @@ impl Case {
 
     fn with<T>(&self, use_it: impl FnOnce(&Reduced<2>) -> T) -> T {
         let compliance = Compliance::from_dense(self.q.len(), Cow::Borrowed(&self.w)).unwrap();
-        use_it(
-            &Reduced::new(
-                &compliance,
-                &self.q,
-                &ContactLaw::coulomb(&self.mu),
-                &self.rigid,
-            )
-            .unwrap(),
-        )
+        use_it(&coulomb(&compliance, &self.q, &self.mu, &self.rigid))
     }
 
     fn all(&self) -> Enumeration {
-        self.with(|problem| answers(problem, &AtomicBool::new(false)).unwrap())
+        self.with(|problem| answers(problem, &GO).unwrap())
     }
 
     /// The same by dense elimination of all unknowns `r, v, a` for every choice of
@@ -269,10 +262,9 @@ fn all_answers_of_more_contacts() {
 
 #[test]
 fn few_choices_of_twelve_contacts_are_visited() {
-    let never = AtomicBool::new(false);
     let (mut most, mut sum) = (0, 0);
     for seed in 0..12 {
-        let found = several(seed, 12).with(|problem| answers(problem, &never).unwrap());
+        let found = several(seed, 12).with(|problem| answers(problem, &GO).unwrap());
         most = most.max(found.visited);
         sum += found.visited;
     }
@@ -284,13 +276,12 @@ fn few_choices_of_twelve_contacts_are_visited() {
 #[test]
 fn uniqueness_is_never_claimed_wrongly() {
     let mut said = [0; 3];
-    let never = AtomicBool::new(false);
     for seed in 0..1500 {
         let case = Case::random(seed);
         let all = case.all();
         for (r, _) in &all.answers {
             case.with(|problem| {
-                let verdict = assess(problem, r, &never).unwrap();
+                let verdict = assess(problem, r, &GO).unwrap();
                 match verdict {
                     Unique::Proved => assert_eq!(all.answers.len(), 1, "seed {seed}"),
                     Unique::OthersExist => assert!(all.answers.len() > 1, "seed {seed}"),
@@ -303,7 +294,7 @@ fn uniqueness_is_never_claimed_wrongly() {
                 } else {
                     Unique::OthersExist
                 };
-                assert_eq!(assess_plane(problem, r, &never).unwrap(), decided);
+                assert_eq!(assess_plane(problem, r, &GO).unwrap(), decided);
             });
         }
     }
@@ -326,26 +317,20 @@ fn in_space(case: &Case, r: &[[f64; 2]], use_it: impl FnOnce(&Reduced<3>, &[[f64
     }
     let wider = |x: &[[f64; 2]]| x.iter().map(|x| [x[0], x[1], 0.0]).collect::<Vec<_>>();
     let compliance = Compliance::from_dense(contacts, Cow::Borrowed(&w)).unwrap();
-    let problem = Reduced::new(
-        &compliance,
-        &wider(&case.q),
-        &ContactLaw::coulomb(&case.mu),
-        &Rigid::default(),
-    );
-    use_it(&problem.unwrap(), &wider(r));
+    let problem = coulomb(&compliance, &wider(&case.q), &case.mu, &Rigid::default());
+    use_it(&problem, &wider(r));
 }
 
 #[test]
 fn an_answer_has_the_same_index_in_space() {
-    let never = AtomicBool::new(false);
     let mut others = 0;
     for seed in 0..1500 {
         let case = Case::random(seed);
         let all = case.all();
         for (r, _) in &all.answers {
-            let plane = case.with(|problem| assess(problem, r, &never).unwrap());
+            let plane = case.with(|problem| assess(problem, r, &GO).unwrap());
             in_space(&case, r, |problem, r| {
-                let space = assess(problem, r, &never).unwrap();
+                let space = assess(problem, r, &GO).unwrap();
                 // The new row, (1 - g) + 0.3 g with 0 < g < 1, changes no sign.
                 assert_eq!(space == Unique::OthersExist, plane == Unique::OthersExist);
                 assert!(space != Unique::Proved || all.answers.len() == 1);

@@ -6,12 +6,12 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
-use crate::common::cases::{Case, compliance, difference};
+use crate::common::cases::{Case, compliance, coulomb, difference, settings};
+use crate::common::{GO, with_threads};
 use bipot_rs::error::Error;
 use bipot_rs::law::cone::Status;
-use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::reduced::compliance::{Compliance, Part};
-use bipot_rs::reduced::reduced::{Reduced, Rigid};
+use bipot_rs::reduced::reduced::Rigid;
 use bipot_rs::reduced::residual::Certificate;
 use bipot_rs::solver::monitor::Progress;
 use bipot_rs::solver::{Method, Outcome, Settings, Start, solve, solve_watched};
@@ -61,22 +61,14 @@ fn a_load_beyond_friction_never_converges() {
     for method in [Method::Auto, Method::GaussSeidel, Method::Uzawa] {
         for share in [1.000_001, 1.5] {
             let case = Case::<2>::floating(6, 0.4, share, 3);
-            let settings = Settings {
-                method,
+            let solution = case.run(&Settings {
                 max_iterations: 3000,
-                ..Settings::default()
-            };
-            let stop = AtomicBool::new(false);
-            let solution = solve(&case.problem(), &settings, &Start::default(), &stop).unwrap();
+                ..settings(method, 1e-10)
+            });
             assert_ne!(solution.outcome, Outcome::Converged);
             assert!(solution.residual > solution.tolerance);
-            assert!(
-                solution
-                    .reaction
-                    .as_flattened()
-                    .iter()
-                    .all(|x| x.is_finite())
-            );
+            let mut numbers = solution.reaction.as_flattened().iter();
+            assert!(numbers.all(|x| x.is_finite()));
         }
     }
 }
@@ -90,12 +82,8 @@ fn the_result_is_the_point_of_the_certificate() {
     assert_eq!(fresh.residual.to_bits(), solution.residual.to_bits());
     assert_eq!(fresh.v, solution.relative_displacement);
     assert!(solution.residual <= solution.tolerance);
-    assert!(
-        solution
-            .history
-            .windows(2)
-            .all(|pair| pair[0].0 <= pair[1].0)
-    );
+    let mut pairs = solution.history.windows(2);
+    assert!(pairs.all(|pair| pair[0].0 <= pair[1].0));
 }
 
 #[test]
@@ -104,14 +92,9 @@ fn progress_can_be_read() {
     assert_eq!(progress.read(), (0, 0.0, f64::INFINITY));
     let case = Case::<3>::floating(12, 0.4, 0.7, 1);
     for (name, method) in methods(&case) {
-        let settings = Settings {
-            method,
-            ..Settings::default()
-        };
-        let stop = AtomicBool::new(false);
-        let problem = case.problem();
-        let solution =
-            solve_watched(&problem, &settings, &Start::default(), &stop, &progress).unwrap();
+        let (problem, start) = (case.problem(), Start::default());
+        let settings = settings(method, 1e-10);
+        let solution = solve_watched(&problem, &settings, &start, &GO, &progress).unwrap();
         let (iterations, work, residual) = progress.read();
         assert_eq!(iterations, solution.iterations, "{name}");
         // The certificate costs two products; η before and after differs by rounding.
@@ -134,53 +117,35 @@ fn limits_end_with_the_best_point() {
         max_iterations: 3,
         ..Settings::default()
     };
-    let stop = AtomicBool::new(false);
-    let solution = solve(&case.problem(), &settings, &Start::default(), &stop).unwrap();
-    assert_eq!(
-        (solution.outcome, solution.iterations),
-        (Outcome::IterationLimit, 3)
-    );
-    let best = solution
-        .history
-        .iter()
-        .map(|row| row.1)
-        .fold(f64::INFINITY, f64::min);
+    let solution = case.run(&settings);
+    assert_eq!(solution.outcome, Outcome::IterationLimit);
+    assert_eq!(solution.iterations, 3);
+    let etas = solution.history.iter().map(|row| row.1);
+    let best = etas.fold(f64::INFINITY, f64::min);
     // The certificate of the best point differs from the running η by rounding.
     assert!((solution.residual - best).abs() <= 1e-12 * best);
 
-    let raised = AtomicBool::new(true);
-    let interrupted = solve(&case.problem(), &settings, &Start::default(), &raised);
+    let (problem, start) = (case.problem(), Start::default());
+    let interrupted = solve(&problem, &settings, &start, &AtomicBool::new(true));
     assert_eq!(interrupted.unwrap_err(), Error::Interrupted);
     for answer in [true, false] {
         let asking = Progress::asking(if answer { || true } else { || false });
-        let asked = solve_watched(
-            &case.problem(),
-            &settings,
-            &Start::default(),
-            &stop,
-            &asking,
-        );
+        let asked = solve_watched(&problem, &settings, &start, &GO, &asking);
         assert_eq!(asked.is_err_and(|e| e == Error::Interrupted), answer);
     }
-    for settings in [
-        Settings {
-            tol: 0.0,
-            ..settings
-        },
-        Settings {
-            tol: f64::NAN,
-            ..settings
-        },
-        Settings {
-            max_iterations: 0,
-            ..settings
-        },
-        Settings {
-            max_seconds: -1.0,
-            ..settings
-        },
+    for (tol, max_iterations, max_seconds) in [
+        (0.0, 3, 1.0),
+        (f64::NAN, 3, 1.0),
+        (0.1, 0, 1.0),
+        (0.1, 3, -1.0),
     ] {
-        let refused = solve(&case.problem(), &settings, &Start::default(), &stop);
+        let settings = Settings {
+            method: Method::Uzawa,
+            tol,
+            max_iterations,
+            max_seconds,
+        };
+        let refused = solve(&problem, &settings, &start, &GO);
         assert!(matches!(refused, Err(Error::Setting { .. })));
     }
 }
@@ -189,13 +154,7 @@ fn limits_end_with_the_best_point() {
 fn bits_do_not_depend_on_threads() {
     // 260 contacts in space are 780 rows, enough for the products to be shared.
     let case = Case::<3>::held(260, 0.4, 6);
-    let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        pool.install(|| case.solve(Method::Auto))
-    };
+    let run = |threads| with_threads(threads, || case.solve(Method::Auto));
     let (one, two) = (run(1), run(2));
     assert_eq!(one.reaction, two.reaction);
     assert_eq!(one.history, two.history);
@@ -213,12 +172,8 @@ fn an_asymmetric_compliance_is_solved_as_it_is_given() {
         let solution = case.solve(method);
         assert_eq!(solution.outcome, Outcome::Converged);
         let r = solution.reaction.as_flattened();
-        for (i, v) in solution
-            .relative_displacement
-            .as_flattened()
-            .iter()
-            .enumerate()
-        {
+        let moved = solution.relative_displacement.as_flattened();
+        for (i, v) in moved.iter().enumerate() {
             let by_rows: f64 = (0..12).map(|j| w[12 * i + j] * r[j]).sum();
             // Two sums of twelve terms of order one.
             assert!((v - by_rows - case.q.as_flattened()[i]).abs() <= 1e-14);
@@ -240,19 +195,9 @@ fn islands_are_solved_as_one_dense_problem_is() {
     let mut case = Case::<2>::held(7, 0.4, 8);
     case.compliance = Compliance::from_dense(7, Cow::Owned(islands.to_dense())).unwrap();
     let dense = case.solve(Method::Auto);
-    let problem = Reduced::new(
-        &islands,
-        &case.q,
-        &ContactLaw::coulomb(&case.mu),
-        &case.rigid,
-    )
-    .unwrap();
-    let settings = Settings {
-        tol: 1e-12,
-        ..Settings::default()
-    };
-    let stop = AtomicBool::new(false);
-    let apart = solve(&problem, &settings, &Start::default(), &stop).unwrap();
+    let problem = coulomb(&islands, &case.q, &case.mu, &case.rigid);
+    let settings = settings(Method::Auto, 1e-12);
+    let apart = solve(&problem, &settings, &Start::default(), &GO).unwrap();
     assert_eq!(apart.status, dense.status);
     assert!(difference(&apart.reaction, &dense.reaction) <= 1e-11);
 }
@@ -302,15 +247,7 @@ fn other_units_take_as_many_iterations() {
         ] {
             // Iterations that end in rounding may differ by one there; those of a
             // wish that is far above it do not.
-            let run = |case: &Case<3>, method| {
-                let settings = Settings {
-                    method,
-                    tol: 1e-9,
-                    ..Settings::default()
-                };
-                let stop = AtomicBool::new(false);
-                solve(&case.problem(), &settings, &Start::default(), &stop).unwrap()
-            };
+            let run = |case: &Case<3>, method| case.run(&settings(method, 1e-9));
             for (name, method) in methods(&case) {
                 let one = run(&case, method);
                 for (s, c) in [(1e-9, 1e9), (1e3, 1e-6), (1e9, 1e9)] {
@@ -387,12 +324,8 @@ fn work_of_warm_steps_is_pinned() {
             reaction: before.reaction,
             rigid: Vec::new(),
         };
-        let settings = Settings {
-            tol: 1e-12,
-            ..Settings::default()
-        };
-        let stop = AtomicBool::new(false);
-        let warm = solve(&case.problem(), &settings, &start, &stop).unwrap();
+        let settings = settings(Method::Auto, 1e-12);
+        let warm = solve(&case.problem(), &settings, &start, &GO).unwrap();
         assert_eq!(warm.outcome, Outcome::Converged);
         let cold = case.solve(Method::Auto);
         assert!(difference(&warm.reaction, &cold.reaction) <= 1e-9); // η and condition
@@ -414,8 +347,7 @@ fn a_large_friction_hides_no_penetration() {
         // On the cone, and slipping against the reaction.
         let (r, v) = ([1.0, MU], [-depth, -0.5]);
         let q = [v[0] - r[0], v[1] - r[1]];
-        let problem =
-            Reduced::new(&unit, &[q], &ContactLaw::coulomb(&[MU]), &Rigid::default()).unwrap();
+        let problem = coulomb(&unit, &[q], &[MU], &Rigid::default());
         Certificate::of(&problem, &[r], vec![v], &[])
     };
     assert!(certificate(0.0).converged(TOL));

@@ -4,13 +4,16 @@
 
 use std::sync::atomic::AtomicBool;
 
+use crate::common::{GO, with_threads};
 use bipot_rs::bodies::connected::free_part;
 use bipot_rs::error::Error;
 use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::{Block, norm};
+use bipot_rs::linalg::sparse::arena::{Arena, ArenaEnd, Piece};
 use bipot_rs::linalg::sparse::blocks::Blocks;
 use bipot_rs::linalg::sparse::csc::{Symmetric, Symmetry};
 use bipot_rs::linalg::sparse::sparse_lu::{Analysis, SparseLu};
+use bipot_rs::linalg::sparse::supervariables::SupervariableGraph;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// Pairs of rows and columns of a matrix, in any order.
@@ -74,7 +77,7 @@ impl<const D: usize> Triplets<D> {
 
 fn solved<const D: usize>(matrix: &Blocks<D>, b: &[f64]) -> Option<Vec<f64>> {
     let analysis = Analysis::new(matrix).unwrap();
-    let lu = SparseLu::new(&analysis, matrix, &AtomicBool::new(false)).unwrap()?;
+    let lu = SparseLu::new(&analysis, matrix, &GO).unwrap()?;
     let mut x = b.to_vec();
     lu.solve(&mut x);
     Some(x)
@@ -113,9 +116,8 @@ fn the_sign_is_that_of_the_determinant() {
         let case = Triplets::<D>::grid(side, 0.0, &mut rng);
         let blocks = case.blocks();
         let analysis = Analysis::new(&blocks).unwrap();
-        let never = AtomicBool::new(false);
-        let sparse = SparseLu::new(&analysis, &blocks, &never).unwrap().unwrap();
-        let dense = Lu::new(case.dense(), D * side * side, &never).unwrap();
+        let sparse = SparseLu::new(&analysis, &blocks, &GO).unwrap().unwrap();
+        let dense = Lu::new(case.dense(), D * side * side, &GO).unwrap();
         assert!(sparse.sign() * dense.unwrap().sign() > 0.0, "seed {seed}");
         sparse.sign()
     }
@@ -251,9 +253,7 @@ fn agrees_with_the_dense_factors() {
     let mut rng = StdRng::seed_from_u64(7);
     let case = Triplets::<2>::grid(8, 6.0, &mut rng);
     let b: Vec<f64> = (0..128).map(f64::from).collect();
-    let lu = Lu::new(case.dense(), 128, &AtomicBool::new(false))
-        .unwrap()
-        .unwrap();
+    let lu = Lu::new(case.dense(), 128, &GO).unwrap().unwrap();
     let mut dense = b.clone();
     lu.solve(&mut dense);
     let sparse = solved(&case.blocks(), &b).unwrap();
@@ -370,7 +370,7 @@ fn a_missing_partner_is_detected_in_any_task() {
         k.check_symmetry()
     };
     for threads in [1, 2] {
-        bipot_rs::threads::pool(threads).unwrap().install(|| {
+        with_threads(threads, || {
             for far in [(3, 39_990), (16_000, 17_000), (20_000, 39_999), (5, 8)] {
                 assert_eq!(chain(None, far), Ok(Symmetry::Exact));
                 for left_out in [far, (far.1, far.0), (16_384, 16_383), (16_383, 16_384)] {
@@ -379,4 +379,99 @@ fn a_missing_partner_is_detected_in_any_task() {
             }
         });
     }
+}
+
+/// Pieces come from the requested end and return in any order; then there is one gap again.
+#[test]
+fn what_is_given_back_joins() {
+    let mut memory = vec![0.0; 100];
+    let arena = Arena::new(&mut memory);
+    let range = |piece: &Piece| match piece {
+        Piece::Part { range, .. } => range.clone(),
+        Piece::Apart(_) => panic!("there was room"),
+    };
+    let ends = [
+        (30, ArenaEnd::Low),
+        (20, ArenaEnd::High),
+        (10, ArenaEnd::Low),
+    ];
+    let mut pieces: Vec<Piece> = ends.map(|(len, end)| arena.take(len, end)).into();
+    assert_eq!(
+        [0, 1, 2].map(|k| range(&pieces[k])),
+        [0..30, 80..100, 30..40]
+    );
+    for (mark, piece) in [0.0, 1.0, 2.0].into_iter().zip(&mut pieces) {
+        piece.fill(mark);
+    }
+    pieces[0].keep(12);
+    pieces[1][0] = 7.0;
+    pieces[1].keep(5);
+    assert_eq!([0, 1].map(|k| range(&pieces[k])), [0..12, 95..100]);
+    assert_eq!(*pieces[1], [7.0, 1.0, 1.0, 1.0, 1.0]);
+    assert_eq!(*pieces[0], [0.0; 12]);
+    assert_eq!(*pieces[2], [2.0; 10]);
+    // The first gap that is large enough, from each end.
+    assert_eq!(range(&arena.take(18, ArenaEnd::Low)), 12..30);
+    assert_eq!(range(&arena.take(19, ArenaEnd::Low)), 40..59);
+    assert_eq!(range(&arena.take(19, ArenaEnd::High)), 76..95);
+    let large = arena.take(56, ArenaEnd::High);
+    assert!(!large.is_part() && large.len() == 56);
+    assert_eq!(arena.take(0, ArenaEnd::Low).len(), 0);
+    let _ = pieces.swap_remove(0);
+    pieces.clear();
+    assert_eq!(range(&arena.take(100, ArenaEnd::Low)), 0..100);
+    // Without memory every piece is apart.
+    let arena = Arena::new(&mut []);
+    let mut piece = arena.take(4, ArenaEnd::Low);
+    piece.fill(3.0);
+    piece.keep(2);
+    assert_eq!(*piece, [3.0; 2]);
+    assert_eq!(arena.take(0, ArenaEnd::High).len(), 0);
+}
+
+/// The graph of nodes of three unknowns along a line, each joined to the neighbouring nodes,
+/// except for the pairs of unknowns in `missing`; no pair is joined twice.
+fn line(
+    nodes: usize,
+    kept: &[usize],
+    missing: impl Fn(usize, usize) -> bool,
+) -> SupervariableGraph {
+    let (mut start, mut rows) = (vec![0], Vec::new());
+    for j in 0..3 * nodes {
+        let near = (3 * (j / 3)).saturating_sub(3)..(3 * (j / 3) + 6).min(3 * nodes);
+        rows.extend(near.filter(|&i| i == j || !missing(i.min(j), i.max(j))));
+        start.push(rows.len());
+    }
+    let place = |j| {
+        let at = kept.iter().position(|&k| k == j);
+        at.map(|at| u32::try_from(at).unwrap())
+    };
+    let place: Vec<Option<u32>> = (0..3 * nodes).map(place).collect();
+    SupervariableGraph::new(&start, &rows, kept, &place)
+}
+
+#[test]
+fn entries_that_vanish_leave_the_nodes() {
+    let nodes = 40;
+    let kept: Vec<usize> = (3 * nodes - 6..3 * nodes).collect();
+    let whole = line(nodes, &kept, |_, _| false);
+    // Within a node the directions are not coupled, nor the first to the last of every
+    // other node.
+    let apart = |i: usize, j: usize| i / 3 == j / 3 || i % 6 == 0 && j == i + 5;
+    let some = line(nodes, &kept, apart);
+    assert_eq!([whole.len(), some.len()], [nodes; 2]);
+    for v in 0..nodes {
+        assert_eq!(some.members(v), whole.members(v));
+        let [some, whole] = [&some, &whole].map(|graph| {
+            let mut list = graph.neighbours(v).to_vec();
+            list.sort_unstable();
+            list
+        });
+        assert_eq!(some, whole);
+    }
+    assert_eq!(some.kept(), whole.kept());
+    // Three parallel lines with consecutive unknowns: they are lines, not nodes. Nor are
+    // unknowns that share half of their neighbours.
+    assert_eq!(line(30, &[], |i, j| i % 3 != j % 3).len(), 90);
+    assert_eq!(line(10, &[], |i, j| j > i + 1).len(), 30);
 }

@@ -5,10 +5,8 @@
 
 use std::borrow::Cow;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bipot_rs::law::cone::Status;
-use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::linalg::small::{Block, Vector};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
@@ -17,9 +15,8 @@ use bipot_rs::solver::derivatives::tangent_system::{ClosedLaw, FactoredTangent, 
 use bipot_rs::solver::{Method, Solution};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::common::cases::{Case, compliance};
-
-static GO: AtomicBool = AtomicBool::new(false);
+use crate::common::GO;
+use crate::common::cases::{Case, compliance, coulomb};
 
 /// Systems of some dozen unknowns, with conditions of some thousands at the most.
 const ROUNDING: f64 = 1e-11;
@@ -175,13 +172,7 @@ fn an_asymmetric_compliance_is_transposed() {
     solves(&problem, &laws, &system, 6);
     // Its inverse is not formed: the other form is for symmetric compliances.
     let shared = Arc::new(case.compliance);
-    let problem = Reduced::new(
-        &shared,
-        &case.q,
-        &ContactLaw::coulomb(&case.mu),
-        &case.rigid,
-    )
-    .unwrap();
+    let problem = coulomb(&shared, &case.q, &case.mu, &case.rigid);
     let sticking = any_laws::<3>(&[0, 1, 2, 3, 4, 5, 6], &[0, 1, 2, 3, 4, 5, 6], 5);
     let form = TangentStiffnessForm::new(&shared, &problem.scaling, &sticking, &GO).unwrap();
     assert!(form.is_none());
@@ -191,13 +182,7 @@ fn both_forms<const D: usize>(seed: u64) {
     let contacts = 12;
     let case = Case::<D>::held(contacts, 0.4, seed);
     let shared = Arc::new(case.compliance);
-    let problem = Reduced::new(
-        &shared,
-        &case.q,
-        &ContactLaw::coulomb(&case.mu),
-        &case.rigid,
-    )
-    .unwrap();
+    let problem = coulomb(&shared, &case.q, &case.mu, &case.rigid);
     // One open contact, three that slide, the others stick.
     let closed: Vec<usize> = (0..contacts).filter(|&i| i != 4).collect();
     let sticks: Vec<usize> = closed.iter().copied().filter(|i| i % 4 != 1).collect();
@@ -353,7 +338,7 @@ fn a_contact_alone_has_a_closed_form() {
     let w = vec![2.0, 0.0, 0.0, 2.0];
     let shared = Compliance::<2>::from_dense(1, Cow::Owned(w)).unwrap();
     let (q, rigid) = ([[-1.0, 3.0]], bipot_rs::reduced::reduced::Rigid::default());
-    let problem = Reduced::new(&shared, &q, &ContactLaw::coulomb(&[mu]), &rigid).unwrap();
+    let problem = coulomb(&shared, &q, &[mu], &rigid);
     let law = ClosedLaw {
         position: 0,
         by_r: Block::<2>::new(0.0, 0.0, mu, 1.0),

@@ -33,7 +33,7 @@ pub mod multigrid;
 mod node_rows;
 pub mod nodes;
 mod prolongation;
-mod scaled_blocks;
+pub mod scaled_blocks;
 pub mod settings;
 mod slots;
 pub mod soft_motions;

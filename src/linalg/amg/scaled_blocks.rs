@@ -109,12 +109,12 @@ impl Blocks for ScaledBlocks {
 
 /// `2^exponent`, of a normal number.
 #[inline(always)]
-fn two_to(exponent: i32) -> f32 {
+pub fn two_to(exponent: i32) -> f32 {
     f32::from_bits(((exponent + BIAS) << SIGNIFICAND).cast_unsigned())
 }
 
 /// Writes a block, and returns its exponent.
-fn write(from: &[f32], to: &mut [i16]) -> i8 {
+pub fn write(from: &[f32], to: &mut [i16]) -> i8 {
     let largest = from
         .iter()
         .fold(0.0_f32, |most, value| most.max(value.abs()));
@@ -132,31 +132,4 @@ fn write(from: &[f32], to: &mut [i16]) -> i8 {
     #[expect(clippy::cast_possible_truncation, reason = "it is within the range")]
     let exponent = exponent as i8;
     exponent
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{two_to, write};
-
-    /// Half a unit of fifteen bits below the largest entry of the block, whatever its size.
-    #[test]
-    fn rounding_is_relative_to_the_largest_entry_of_a_block() {
-        for size in [1e-30_f32, 1e-4, 0.999_999_9, 1.0, 1.5, 3e4] {
-            let of = |k: u8| size * (f32::from(k) - 8.0) / 8.0;
-            let from: Vec<f32> = (0..9).map(of).collect();
-            let mut to = [0; 9];
-            let scale = two_to(i32::from(write(&from, &mut to)));
-            for (&from, &to) in from.iter().zip(&to) {
-                let error = (f32::from(to) * scale - from).abs();
-                assert!(error <= size * 2.0_f32.powi(-15), "{from} {to}");
-            }
-        }
-    }
-
-    #[test]
-    fn blocks_below_the_range_are_zero() {
-        let mut to = [1; 4];
-        let _ = write(&[0.0, 1e-44, -1e-44, 0.0], &mut to);
-        assert_eq!(to, [0; 4]);
-    }
 }

@@ -13,13 +13,13 @@ use crate::linalg::sparse::task_tree::lock;
 
 /// The end of an arena from which a piece is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ArenaEnd {
+pub enum ArenaEnd {
     Low,
     High,
 }
 
 impl ArenaEnd {
-    pub(crate) fn other(self) -> Self {
+    pub fn other(self) -> Self {
         match self {
             Self::Low => Self::High,
             Self::High => Self::Low,
@@ -42,7 +42,8 @@ impl ArenaEnd {
 }
 
 /// Memory that is divided into pieces.
-pub(crate) struct Arena<'m> {
+#[derive(Debug)]
+pub struct Arena<'m> {
     memory: *mut f64,
     /// The free ranges, in order; no two touch.
     gaps: Mutex<Vec<Range<usize>>>,
@@ -54,7 +55,7 @@ pub(crate) struct Arena<'m> {
 unsafe impl Sync for Arena<'_> {}
 
 impl<'m> Arena<'m> {
-    pub(crate) fn new(memory: &'m mut [f64]) -> Self {
+    pub fn new(memory: &'m mut [f64]) -> Self {
         let whole = 0..memory.len();
         Self {
             memory: memory.as_mut_ptr(),
@@ -65,7 +66,7 @@ impl<'m> Arena<'m> {
 
     /// A piece of `len` numbers with any contents, from the first gap, seen from `end`, that is
     /// large enough; without such a gap, from the system.
-    pub(crate) fn take(&self, len: usize, end: ArenaEnd) -> Piece<'_> {
+    pub fn take(&self, len: usize, end: ArenaEnd) -> Piece<'_> {
         let mut gaps = lock(&self.gaps);
         let fits = |gap: &Range<usize>| gap.len() >= len;
         let found = match end {
@@ -108,7 +109,8 @@ impl<'m> Arena<'m> {
 }
 
 /// Numbers with one owner.
-pub(crate) enum Piece<'r> {
+#[derive(Debug)]
+pub enum Piece<'r> {
     /// A part of an arena, which returns to it.
     Part {
         arena: &'r Arena<'r>,
@@ -121,12 +123,12 @@ pub(crate) enum Piece<'r> {
 
 impl Piece<'_> {
     /// Whether it is part of the arena.
-    pub(crate) fn is_part(&self) -> bool {
+    pub fn is_part(&self) -> bool {
         matches!(self, Self::Part { .. }) || self.is_empty()
     }
 
     /// Leaves the numbers in place, outside the management of the arena.
-    pub(crate) fn leave(mut self) -> Detached {
+    pub fn leave(mut self) -> Detached {
         match &mut self {
             Self::Part { range, .. } => Detached::Part(std::mem::replace(range, 0..0)),
             Self::Apart(values) => Detached::Apart(std::mem::take(values)),
@@ -137,7 +139,7 @@ impl Piece<'_> {
     ///
     /// # Panics
     /// If there are fewer: the rest would belong to other pieces.
-    pub(crate) fn keep(&mut self, len: usize) {
+    pub fn keep(&mut self, len: usize) {
         assert!(len <= self.len());
         let rest = self.len() - len;
         if rest == 0 {
@@ -166,7 +168,8 @@ impl Piece<'_> {
 }
 
 /// Numbers that are not returned, by their place in the memory of the arena.
-pub(crate) enum Detached {
+#[derive(Debug)]
+pub enum Detached {
     Part(Range<usize>),
     Apart(Vec<f64>),
 }
@@ -179,7 +182,7 @@ impl Default for Detached {
 
 impl Detached {
     /// Their end in the memory of the arena; 0 if there are none.
-    pub(crate) fn end(&self) -> usize {
+    pub fn end(&self) -> usize {
         match self {
             Self::Part(range) if range.start < range.end => range.end,
             _ => 0,
@@ -187,7 +190,7 @@ impl Detached {
     }
 
     /// The numbers; `memory` is that of the arena.
-    pub(crate) fn within<'s>(&'s self, memory: &'s [f64]) -> &'s [f64] {
+    pub fn within<'s>(&'s self, memory: &'s [f64]) -> &'s [f64] {
         match self {
             // `memory` may end before the place of no numbers.
             Self::Part(range) if range.is_empty() => &[],
@@ -230,66 +233,5 @@ impl Drop for Piece<'_> {
             Self::Part { arena, range, .. } => arena.give(range.clone()),
             Self::Apart(values) => release(std::mem::take(values)),
         }
-    }
-}
-
-#[cfg(test)]
-#[expect(clippy::cast_precision_loss, reason = "marks of pieces")]
-mod tests {
-    use super::*;
-
-    /// Pieces come from the requested end and return in any order; then there is one gap again.
-    #[test]
-    fn what_is_given_back_joins() {
-        let mut memory = vec![0.0; 100];
-        let arena = Arena::new(&mut memory);
-        let range = |piece: &Piece| match piece {
-            Piece::Part { range, .. } => range.clone(),
-            Piece::Apart(_) => panic!("there was room"),
-        };
-        let mut pieces: Vec<Piece> = [
-            (30, ArenaEnd::Low),
-            (20, ArenaEnd::High),
-            (10, ArenaEnd::Low),
-        ]
-        .map(|(len, end)| arena.take(len, end))
-        .into();
-        assert_eq!(range(&pieces[0]), 0..30);
-        assert_eq!(range(&pieces[1]), 80..100);
-        assert_eq!(range(&pieces[2]), 30..40);
-        for (k, piece) in pieces.iter_mut().enumerate() {
-            piece.fill(k as f64);
-        }
-        pieces[0].keep(12);
-        pieces[1][0] = 7.0;
-        pieces[1].keep(5);
-        assert_eq!(range(&pieces[0]), 0..12);
-        assert_eq!(range(&pieces[1]), 95..100);
-        assert_eq!(*pieces[1], [7.0, 1.0, 1.0, 1.0, 1.0]);
-        assert_eq!(*pieces[0], [0.0; 12]);
-        assert_eq!(*pieces[2], [2.0; 10]);
-        // The first gap that is large enough, from each end.
-        assert_eq!(range(&arena.take(18, ArenaEnd::Low)), 12..30);
-        assert_eq!(range(&arena.take(19, ArenaEnd::Low)), 40..59);
-        assert_eq!(range(&arena.take(19, ArenaEnd::High)), 76..95);
-        assert!(
-            matches!(arena.take(56, ArenaEnd::High), Piece::Apart(ref values) if values.len() == 56)
-        );
-        assert_eq!(arena.take(0, ArenaEnd::Low).len(), 0);
-        let _ = pieces.swap_remove(0);
-        pieces.clear();
-        let gaps = lock(&arena.gaps);
-        assert_eq!((gaps.len(), &gaps[0]), (1, &(0..100)));
-    }
-
-    #[test]
-    fn without_memory_every_piece_is_apart() {
-        let arena = Arena::new(&mut []);
-        let mut piece = arena.take(4, ArenaEnd::Low);
-        piece.fill(3.0);
-        piece.keep(2);
-        assert_eq!(*piece, [3.0; 2]);
-        assert_eq!(arena.take(0, ArenaEnd::High).len(), 0);
-        assert!(lock(&arena.gaps).is_empty());
     }
 }

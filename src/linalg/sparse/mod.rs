@@ -1,6 +1,6 @@
 //! Sparse matrices: analysis, partial factorisation, solves.
 
-mod arena;
+pub mod arena;
 pub mod blocks;
 pub mod csc;
 pub mod multifrontal;
@@ -9,7 +9,7 @@ pub mod reach;
 pub mod rows;
 mod solves;
 pub mod sparse_lu;
-mod supervariables;
+pub mod supervariables;
 pub mod symbolic;
 mod task_tree;
 mod tree;

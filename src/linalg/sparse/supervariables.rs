@@ -11,7 +11,7 @@ const THREE: usize = 3;
 
 /// The graph of nodes. Interior nodes come first, then the kept ones.
 #[derive(Debug)]
-pub(crate) struct SupervariableGraph {
+pub struct SupervariableGraph {
     node_of: Vec<u32>,
     /// Unknowns of node `v`: `members[member_start[v]..member_start[v + 1]]`.
     member_start: Vec<usize>,
@@ -87,7 +87,7 @@ impl SupervariableGraph {
     /// with most neighbours in common. Kept unknowns are grouped only if they are consecutive
     /// in `kept`, so that S has the order of the caller; `place` is the position of each in
     /// `kept`.
-    pub(crate) fn new(
+    pub fn new(
         col_ptr: &[usize],
         row_idx: &[usize],
         kept: &[usize],
@@ -167,32 +167,32 @@ impl SupervariableGraph {
         }
     }
 
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.start.len() - 1
     }
 
-    pub(crate) fn unknowns(&self) -> usize {
+    pub fn unknowns(&self) -> usize {
         self.node_of.len()
     }
 
-    pub(crate) fn kept(&self) -> std::ops::Range<u32> {
+    pub fn kept(&self) -> std::ops::Range<u32> {
         narrow(self.interior)..narrow(self.len())
     }
 
-    pub(crate) fn node_of(&self, dof: usize) -> usize {
+    pub fn node_of(&self, dof: usize) -> usize {
         self.node_of[dof] as usize
     }
 
-    pub(crate) fn members(&self, v: usize) -> &[u32] {
+    pub fn members(&self, v: usize) -> &[u32] {
         &self.members[self.member_start[v]..self.member_start[v + 1]]
     }
 
     /// Number of unknowns of node `v`.
-    pub(crate) fn weight(&self, v: usize) -> usize {
+    pub fn weight(&self, v: usize) -> usize {
         self.member_start[v + 1] - self.member_start[v]
     }
 
-    pub(crate) fn neighbours(&self, v: usize) -> &[u32] {
+    pub fn neighbours(&self, v: usize) -> &[u32] {
         &self.neighbours[self.start[v]..self.start[v + 1]]
     }
 
@@ -203,13 +203,13 @@ impl SupervariableGraph {
         clippy::cast_sign_loss,
         reason = "a threshold, exact or not"
     )]
-    pub(crate) fn split_dense(&self) -> (Vec<u32>, Vec<u32>) {
+    pub fn split_dense(&self) -> (Vec<u32>, Vec<u32>) {
         let limit = (tuning::dense_degree() * (self.interior as f64).sqrt()) as usize + 64;
         (0..narrow(self.interior)).partition(|&v| self.neighbours(v as usize).len() <= limit)
     }
 
     /// The graph of some nodes: starts, neighbours and weights in the numbering of `nodes`.
-    pub(crate) fn subgraph(&self, nodes: &[u32]) -> (Vec<usize>, Vec<u32>, Vec<u32>) {
+    pub fn subgraph(&self, nodes: &[u32]) -> (Vec<usize>, Vec<u32>, Vec<u32>) {
         let mut local = vec![u32::MAX; self.len()];
         for (at, &v) in (0_u32..).zip(nodes) {
             local[v as usize] = at;
@@ -273,71 +273,4 @@ fn common(a: &[usize], b: &[usize], width: usize) -> f64 {
         }
     }
     both as f64 / all.max(1) as f64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Nodes of three unknowns along a line, each joined to the neighbouring nodes, except for
-    /// the pairs of unknowns in `missing`; no pair is joined twice.
-    fn line(nodes: usize, missing: impl Fn(usize, usize) -> bool) -> (Vec<usize>, Vec<usize>) {
-        let (mut col_ptr, mut row_idx) = (vec![0], Vec::new());
-        for j in 0..3 * nodes {
-            let near = (3 * (j / 3)).saturating_sub(3)..(3 * (j / 3) + 6).min(3 * nodes);
-            row_idx.extend(near.filter(|&i| i == j || !missing(i.min(j), i.max(j))));
-            col_ptr.push(row_idx.len());
-        }
-        (col_ptr, row_idx)
-    }
-
-    #[test]
-    fn entries_that_vanish_leave_the_nodes() {
-        let nodes = 40;
-        let kept: Vec<usize> = (3 * nodes - 6..3 * nodes).collect();
-        let place: Vec<Option<u32>> = (0..3 * nodes)
-            .map(|j| kept.iter().position(|&k| k == j).map(narrow))
-            .collect();
-        let of = |missing: &dyn Fn(usize, usize) -> bool| {
-            let (col_ptr, row_idx) = line(nodes, missing);
-            SupervariableGraph::new(&col_ptr, &row_idx, &kept, &place)
-        };
-        let whole = of(&|_, _| false);
-        // Within a node the directions are not coupled, nor the first to the last of every
-        // other node.
-        let some = of(&|i, j| i / 3 == j / 3 || i % 6 == 0 && j == i + 5);
-        assert_eq!(whole.len(), nodes);
-        assert_eq!(some.len(), nodes);
-        for v in 0..nodes {
-            assert_eq!(some.members(v), whole.members(v));
-            let sorted = |nodes: &SupervariableGraph| {
-                let mut list = nodes.neighbours(v).to_vec();
-                list.sort_unstable();
-                list
-            };
-            assert_eq!(sorted(&some), sorted(&whole));
-        }
-        assert_eq!(some.kept(), whole.kept());
-    }
-
-    /// Three parallel lines with consecutive unknowns: they are lines, not nodes.
-    #[test]
-    fn directions_that_do_not_act_stay_apart() {
-        let (col_ptr, row_idx) = line(30, |i, j| i % 3 != j % 3);
-        let nodes = SupervariableGraph::new(&col_ptr, &row_idx, &[], &[None; 90]);
-        assert_eq!(nodes.len(), 90);
-    }
-
-    /// Unknowns of a line of nodes with one unknown each share half of their neighbours.
-    #[test]
-    fn neighbours_are_not_one_node() {
-        let n = 30;
-        let row_idx: Vec<usize> = (0_usize..n)
-            .flat_map(|j| j.saturating_sub(1)..(j + 2).min(n))
-            .collect();
-        let mut col_ptr = vec![0];
-        col_ptr.extend((0..n).map(|j| 3 * j + 2 - usize::from(j + 1 == n)));
-        let nodes = SupervariableGraph::new(&col_ptr, &row_idx, &[], &vec![None; n]);
-        assert_eq!(nodes.len(), n);
-    }
 }

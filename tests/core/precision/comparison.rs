@@ -13,21 +13,17 @@
 //! condition number. Rounding the entries of K once moves S as much, so no
 //! algorithm does better.
 
-use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, LazyLock};
+use std::sync::Arc;
 
 use bipot_rs::error::Error;
+use bipot_rs::linalg::sparse::csc::Symmetric;
 use bipot_rs::linalg::sparse::multifrontal::Factor;
 use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
-use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::matrices::Sparse;
 use crate::common::double_double::{self, Double};
-
-static GO: AtomicBool = AtomicBool::new(false);
-static ONE: LazyLock<ThreadPool> = LazyLock::new(|| pool(1));
-static TWO: LazyLock<ThreadPool> = LazyLock::new(|| pool(2));
+use crate::common::{GO, with_threads};
 
 /// Roundings `γ/ε` that are allowed. A bound on the sum of n roundings is n; as
 /// they have either sign, and only the unknowns along a path of the elimination
@@ -35,21 +31,20 @@ static TWO: LazyLock<ThreadPool> = LazyLock::new(|| pool(2));
 /// matrices is 1.7.
 pub(crate) const ROUNDINGS: f64 = 4.0;
 
-fn pool(threads: usize) -> ThreadPool {
-    let builder = ThreadPoolBuilder::new().num_threads(threads);
-    builder.build().unwrap()
+pub(crate) fn factor_view(k: &Symmetric, kept: &[usize]) -> Result<Factor, Error> {
+    let symbolic = Symbolic::analyse(k, kept, &Options::default())?;
+    Factor::new(Arc::new(symbolic), k, &GO)
 }
 
 pub(crate) fn factor(k: &Sparse, kept: &[usize]) -> Result<Factor, Error> {
-    let symbolic = Symbolic::analyse(&k.view(), kept, &Options::default())?;
-    Factor::new(Arc::new(symbolic), &k.view(), &GO)
+    factor_view(&k.view(), kept)
 }
 
 /// S, whose bits are those of its mirror image and the same on one thread and
 /// on two.
 pub(crate) fn schur(k: &Sparse, kept: &[usize]) -> Vec<f64> {
     let run = || factor(k, kept).unwrap().schur().to_vec();
-    let (s, other) = (ONE.install(run), TWO.install(run));
+    let (s, other) = (with_threads(1, run), with_threads(2, run));
     let m = kept.len();
     assert_eq!(s.len(), m * m);
     assert!(

@@ -7,12 +7,12 @@
 )]
 
 mod chains;
-mod comparison;
+pub(crate) mod comparison;
 mod definite;
 mod elements;
 mod graphs;
 mod loads;
-mod matrices;
+pub(crate) mod matrices;
 mod meshes;
 mod oracle;
 mod rational;
