@@ -5,8 +5,8 @@
 //! returns its [`Outcome`].
 //!
 //! A function with a flag `stop` returns [`Error::Interrupted`] once it is set, a method of
-//! solution `Ended`, and what calls an engine the errors of that engine: other texts on errors
-//! name what else there is.
+//! solution `Ended`, and what calls an engine the errors of that engine. The text of a function
+//! names an error only to say a condition that is not said here.
 //!
 //! [`Outcome`]: crate::solver::Outcome
 

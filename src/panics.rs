@@ -16,9 +16,6 @@ pub struct Panicked(pub String);
 /// Data that `work` was changing may be incomplete after a panic: the caller must drop it or
 /// keep it unreachable. A load path advances only after a complete step, and a cached value is
 /// stored only when it is complete.
-///
-/// # Errors
-/// [`Panicked`].
 pub fn caught<T>(work: impl FnOnce() -> T) -> Result<T, Panicked> {
     catch_unwind(AssertUnwindSafe(work)).map_err(|payload| {
         let text = payload.downcast_ref::<&str>().map(ToString::to_string);

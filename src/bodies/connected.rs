@@ -224,9 +224,6 @@ pub fn split(k: OwnedMatrix, component: &[usize]) -> Vec<(Vec<usize>, OwnedMatri
 }
 
 /// Position in `list` of each index below `n`.
-///
-/// # Errors
-/// [`Error::IndexRange`], [`Error::Repeated`].
 pub fn positions(
     what: &'static str,
     list: &[usize],

@@ -43,10 +43,6 @@ pub struct FreeMotions {
 impl Question<'_> {
     /// The free motions, and `S` without their rounding, which `regularise` makes of them.
     /// `schur` is `S`, whose kept unknowns `scale` brings to order one.
-    ///
-    /// # Errors
-    /// [`Error::FloatingBody`] if a motion without energy moves no contact,
-    /// [`Error::Indefinite`], [`Error::FewDigits`]; [`Error::Interrupted`].
     pub fn find_free_motions(
         &self,
         scale: &[f64],
@@ -76,9 +72,6 @@ impl Question<'_> {
     }
 
     /// Examines the softest motions of the whole body, with contact set and interior.
-    ///
-    /// # Errors
-    /// As [`Question::find_free_motions`].
     pub fn check_whole(&self) -> Result<(), Error> {
         let is_bare = |&i: &usize| self.stiffness.is_empty_row(i) && !self.kept.contains(&i);
         if let Some(dof) = (0..self.dofs.len()).find(is_bare) {
@@ -132,9 +125,6 @@ impl Question<'_> {
     }
 
     /// Motions made orthonormal on the kept unknowns.
-    ///
-    /// # Errors
-    /// [`Error::FloatingBody`] for a combination of motions that moves no kept unknown.
     fn hold_by_contacts(&self, motions: &[Vec<f64>]) -> Result<FreeMotions, Error> {
         let of_kept = |z: &Vec<f64>| self.kept.iter().map(|&i| z[i]).collect::<Vec<f64>>();
         let at_contacts = Combinations::new(motions.iter().map(of_kept).collect());
@@ -212,9 +202,6 @@ impl Question<'_> {
     }
 
     /// The motions without energy that are free beyond doubt.
-    ///
-    /// # Errors
-    /// [`Error::FewDigits`] if only the stiffness could decide, and has too few digits.
     fn believe(
         &self,
         softest: SoftestMotions,

@@ -30,9 +30,6 @@ impl AnalysedBody {
     /// Orders and counts. It uses the analysis of the same body with other values, or else the
     /// analysis `of_pattern` of its pattern. `kept` are local numbers; `stiffest` is the size of
     /// the stiffness.
-    ///
-    /// # Errors
-    /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
     pub fn new(
         dofs: Vec<usize>,
         mut stiffness: OwnedMatrix,
@@ -85,9 +82,6 @@ impl AnalysedBody {
     }
 
     /// The same body with other kept unknowns.
-    ///
-    /// # Errors
-    /// As [`AnalysedBody::new`].
     pub fn again(body: &OrderedBody, kept: Vec<usize>) -> Result<Self, Error> {
         let (view, geometry) = (body.stiffness.view(), body.geometry.as_deref());
         let body = OrderedBody {
@@ -136,10 +130,6 @@ impl AnalysedBody {
 
     /// Condenses the body. If supports hold it and `loads` are given, it keeps the condensed
     /// loads and drops the factor. `loads` are forces on all degrees of freedom.
-    ///
-    /// # Errors
-    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::FewDigits`], with the degree of
-    /// freedom in the numbering of the caller; [`Error::Interrupted`].
     pub fn condense(self, loads: Option<&[Vec<f64>]>, stop: &AtomicBool) -> Result<Body, Error> {
         let begin = Instant::now();
         if let Some(loads) = loads

@@ -23,10 +23,6 @@ pub enum Source<'b> {
 
 /// `W = Σ B_c (S + α R Rᵀ)⁻¹ B_cᵀ` for each island; sparse if many bodies have a few contacts
 /// each.
-///
-/// # Errors
-/// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::IndexRange`] for more blocks
-/// than 32-bit indices can number.
 pub fn assemble<const D: usize>(
     bodies: &mut Source<'_>,
     surface: &Surface<D>,

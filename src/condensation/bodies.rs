@@ -85,9 +85,6 @@ impl Supports {
 
 impl Bodies {
     /// Factors analysed bodies, small ones in parallel; `needed` are the bytes of all of it.
-    ///
-    /// # Errors
-    /// As [`AnalysedBody::condense`], of the first body that fails; [`Error::Memory`].
     pub fn new(
         parts: Vec<AnalysedBody>,
         supports: Supports,
@@ -186,10 +183,6 @@ impl Bodies {
     }
 
     /// The loads of a step on the free degrees of freedom.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::UnknownLoads`] if the factor was
-    /// dropped and these loads were not given in advance.
     pub fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Force, Error> {
         let values = self.supports.force(load, prescribed)?;
         let known = self.supports.known.as_ref().map(|known| {
@@ -303,9 +296,6 @@ impl Bodies {
 
     /// [`Bodies::displacements`] of states that are differences, whose forces may cancel to
     /// rounding: their balance is not checked, and only lost digits are restored.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
     pub fn changes<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -325,9 +315,6 @@ impl Bodies {
     }
 
     /// `B u + gap` at the displacement of a state, with sums in twice the precision.
-    ///
-    /// # Errors
-    /// As [`Bodies::displacements`].
     pub fn relative_displacement<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -338,9 +325,6 @@ impl Bodies {
     }
 
     /// Samples of the changes of `B u` and of `e` by the rounding of the entries of `K`.
-    ///
-    /// # Errors
-    /// [`Error::FactorDropped`].
     pub fn stiffness_rounding<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -365,9 +349,6 @@ impl Bodies {
 
     /// The rounding error of `e` of these loads. A proof that nothing balances the loads must
     /// exceed it. It costs a solve for each rigid motion.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
     pub fn load_rounding(&self, load: &[f64], prescribed: &[f64]) -> Result<Vec<f64>, Error> {
         let force = self.supports.force(load, prescribed)?;
         let mut all = Vec::with_capacity(self.motions.len());

@@ -125,26 +125,9 @@ impl<const D: usize> Candidates<D> {
         })
     }
 
-    /// The same bodies, with all that has been formed for all contacts.
-    pub(super) fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
-        Self {
-            bodies: Arc::clone(&self.bodies),
-            surface: Surface {
-                gap,
-                ..self.surface.clone()
-            },
-            budget: self.budget,
-            stats: self.stats.clone(),
-            reach: self.reach.clone(),
-            seeds: self.seeds.clone(),
-            whole: Arc::clone(&self.whole),
-        }
-    }
-
-    /// Gaps along normals, and so the seeds, do not change.
-    pub(super) fn scaled(&self, elliptic: &EllipticScaling) -> Self {
-        let mut surface = self.surface.clone();
-        surface.scale(elliptic);
+    /// The same bodies and initial contacts with another surface, and what has been formed for
+    /// all contacts of it.
+    fn with_surface(&self, surface: Surface<D>, whole: Arc<OnceLock<Condensed<D>>>) -> Self {
         Self {
             bodies: Arc::clone(&self.bodies),
             surface,
@@ -152,21 +135,27 @@ impl<const D: usize> Candidates<D> {
             stats: self.stats.clone(),
             reach: self.reach.clone(),
             seeds: self.seeds.clone(),
-            whole: Arc::default(),
+            whole,
         }
     }
 
-    /// The initial contacts are those of the frames before.
+    pub(super) fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
+        let surface = Surface {
+            gap,
+            ..self.surface.clone()
+        };
+        self.with_surface(surface, Arc::clone(&self.whole))
+    }
+
+    /// Gaps along normals, and so the seeds, do not change.
+    pub(super) fn scaled(&self, elliptic: &EllipticScaling) -> Self {
+        let mut surface = self.surface.clone();
+        surface.scale(elliptic);
+        self.with_surface(surface, Arc::default())
+    }
+
     pub(super) fn rotated(&self, rotation: &Rotation<D>) -> Self {
-        Self {
-            bodies: Arc::clone(&self.bodies),
-            surface: self.surface.rotated(rotation),
-            budget: self.budget,
-            stats: self.stats.clone(),
-            reach: self.reach.clone(),
-            seeds: self.seeds.clone(),
-            whole: Arc::default(),
-        }
+        self.with_surface(self.surface.rotated(rotation), Arc::default())
     }
 
     /// The initial contacts, ascending.
@@ -192,10 +181,6 @@ impl<const D: usize> Candidates<D> {
     }
 
     /// The problem of some contacts, ascending. It copies half solves from an earlier view.
-    ///
-    /// # Errors
-    /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::FloatingBody`] if they do not hold a
-    /// rigid motion; [`Error::Shape`] for `law`.
     pub fn view(
         &self,
         members: Vec<usize>,

@@ -90,9 +90,6 @@ pub struct FreePart<const D: usize> {
 
 impl<const D: usize> SortedProblem<D> {
     /// Checks everything that needs no factorisation.
-    ///
-    /// # Errors
-    /// Wrong arguments, each naming the place; [`Error::Asymmetric`].
     pub fn new(given: ProblemArrays<D>) -> Result<Self, Error> {
         let n = given.stiffness.n();
         let rows = D * given.gap.len();
@@ -149,9 +146,6 @@ impl<const D: usize> SortedProblem<D> {
 /// Analyses bodies in parallel. `before` are bodies of an earlier problem, whose analyses are
 /// used again for equal patterns. For a few bodies, analyses of all problems of this process
 /// are used again, and theirs are stored.
-///
-/// # Errors
-/// As [`pattern_cache::limit`], and as [`AnalysedBody::new`], of the first body that fails.
 pub fn analyse(
     parts: Vec<(Vec<usize>, OwnedMatrix)>,
     kept: Vec<Vec<usize>>,
@@ -200,11 +194,6 @@ pub fn analyse(
 impl<const D: usize> Condensed<D> {
     /// Orders, factors and forms `W` of all contacts. Analyses of the problem `before` may be
     /// used again.
-    ///
-    /// # Errors
-    /// [`Error::Indefinite`] if `K` is not a stiffness; [`Error::FloatingBody`] and
-    /// [`Error::DependentMotion`] for motions that contact cannot hold; [`Error::Memory`],
-    /// [`Error::MemoryLimit`]; [`Error::Interrupted`].
     pub fn new(
         sorted: SortedProblem<D>,
         before: Option<&Bodies>,
@@ -254,9 +243,6 @@ impl<const D: usize> Condensed<D> {
     }
 
     /// Makes it from bodies, contacts and their compliance.
-    ///
-    /// # Errors
-    /// [`Error::FloatingBody`] for rigid motions that no contact holds, before any load.
     pub fn of(
         bodies: Arc<Bodies>,
         surface: Arc<Surface<D>>,
@@ -287,9 +273,6 @@ impl<const D: usize> Condensed<D> {
     }
 
     /// The same contacts with other laws.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::Friction`].
     pub fn with_law(&self, law: Vec<ContactLaw>) -> Result<Self, Error> {
         contact_law::check(&law, self.contacts())?;
         Ok(Self {
@@ -313,9 +296,6 @@ impl<const D: usize> Condensed<D> {
     }
 
     /// The same contacts in scaled variables, on the same bodies.
-    ///
-    /// # Errors
-    /// As [`Compliance::scaled`].
     pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Self, Error> {
         let mut surface = (*self.surface).clone();
         surface.scale(elliptic);
@@ -327,9 +307,6 @@ impl<const D: usize> Condensed<D> {
     }
 
     /// The same contacts in rotated frames, on the same bodies.
-    ///
-    /// # Errors
-    /// As [`Compliance::rotated`].
     pub fn rotated(&self, rotation: &Rotation<D>) -> Result<Self, Error> {
         Ok(Self {
             surface: Arc::new(self.surface.rotated(rotation)),
@@ -380,9 +357,6 @@ impl<const D: usize> Condensed<D> {
     }
 
     /// `q` and `e` of a load `f` and prescribed displacements, (4).
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::UnknownLoads`].
     pub fn free_part(&self, load: &[f64], prescribed: &[f64]) -> Result<FreePart<D>, Error> {
         let force = self.bodies.force(load, prescribed)?;
         let mut q = self.surface.gap.clone();
@@ -457,9 +431,6 @@ impl<const D: usize> Condensed<D> {
     }
 
     /// As [`Bodies::displacement`].
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::FactorDropped`].
     pub fn displacement(&self, state: Loaded<'_, D>) -> Result<Vec<f64>, Error> {
         self.bodies.displacement(&self.surface, state)
     }

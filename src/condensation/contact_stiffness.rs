@@ -52,10 +52,6 @@ impl ContactStiffness {
     }
 
     /// `S` with the rigid motions that the supports leave free.
-    ///
-    /// # Errors
-    /// As [`Question::find_free_motions`]; [`Error::FewDigits`] if `S` is not definite without
-    /// them.
     pub(super) fn of_loose_body(
         body: &OrderedBody,
         schur: &[f64],

@@ -149,9 +149,6 @@ impl CachedAnalysis {
 }
 
 /// The limit of all entries in bytes; an empty variable counts as missing.
-///
-/// # Errors
-/// [`Error::Megabytes`] if it is not a number of megabytes.
 pub fn limit() -> Result<usize, Error> {
     let asked = std::env::var_os(VARIABLE).unwrap_or_default();
     let asked = asked.to_string_lossy();

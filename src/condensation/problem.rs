@@ -37,9 +37,6 @@ impl<const D: usize> Problem<D> {
     /// Condenses onto all contacts, or onto few if there are many more candidates than touching
     /// contacts. `grow` decides this, `None` lets the gaps decide. Analyses of the problem
     /// `before` may be used again.
-    ///
-    /// # Errors
-    /// As [`Condensed::new`].
     pub fn new(
         sorted: SortedProblem<D>,
         grow: Option<bool>,
@@ -110,9 +107,6 @@ impl<const D: usize> Problem<D> {
     }
 
     /// The problem with `W` of all contacts, formed now if needed.
-    ///
-    /// # Errors
-    /// As [`Condensed::new`].
     pub fn whole(&self, stop: &AtomicBool) -> Result<Condensed<D>, Error> {
         match self {
             Self::Whole(problem) => Ok(problem.clone()),
@@ -124,9 +118,6 @@ impl<const D: usize> Problem<D> {
     }
 
     /// The same bodies and contacts with other laws.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::Friction`].
     pub fn with_law(&self, law: Vec<ContactLaw>) -> Result<Self, Error> {
         contact_law::check(&law, self.contacts())?;
         Ok(match self {
@@ -139,9 +130,6 @@ impl<const D: usize> Problem<D> {
     }
 
     /// The same bodies and contacts with other gaps; the initial contacts stay.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`].
     pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Result<Self, Error> {
         check_length("gap", gap.len(), self.contacts())?;
         check_finite("gap", gap.as_flattened())?;
@@ -155,9 +143,6 @@ impl<const D: usize> Problem<D> {
     }
 
     /// The same contacts in scaled variables, on the same bodies.
-    ///
-    /// # Errors
-    /// As [`Condensed::scaled`].
     pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Self, Error> {
         Ok(match self {
             Self::Whole(problem) => Self::Whole(problem.scaled(elliptic)?),
@@ -169,9 +154,6 @@ impl<const D: usize> Problem<D> {
     }
 
     /// The same contacts in rotated frames, on the same bodies.
-    ///
-    /// # Errors
-    /// [`Error::Shape`]; as [`Condensed::rotated`].
     pub fn rotated(&self, rotation: &Rotation<D>) -> Result<Self, Error> {
         check_length("rotation", rotation.contacts(), self.contacts())?;
         Ok(match self {
@@ -202,18 +184,11 @@ impl<const D: usize> Problem<D> {
     }
 
     /// As [`Bodies::displacements`].
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::FactorDropped`].
     pub fn displacements(&self, states: &[Loaded<'_, D>]) -> Result<Vec<Vec<f64>>, Error> {
         self.bodies().displacements(self.surface(), states)
     }
 
     /// Checks that `B u + gap` is `v` at the displacements `u` of a state.
-    ///
-    /// # Errors
-    /// [`Error::NotConfirmed`] at the contact with the largest difference; as
-    /// [`Problem::displacements`].
     pub fn confirm(
         &self,
         state: &Loaded<'_, D>,

@@ -76,9 +76,6 @@ impl From<f64> for ContactLaw {
 }
 
 /// Checks the laws of so many contacts.
-///
-/// # Errors
-/// [`Error::Shape`], [`Error::Friction`], [`Error::Cohesion`] and [`Error::Dilatancy`].
 pub fn check(laws: &[ContactLaw], contacts: usize) -> Result<(), Error> {
     if laws.len() != contacts {
         return Err(Error::Shape {
@@ -114,9 +111,6 @@ pub fn check(laws: &[ContactLaw], contacts: usize) -> Result<(), Error> {
 }
 
 /// Refuses laws other than Coulomb's, for what solves no others.
-///
-/// # Errors
-/// [`Error::NotCoulomb`] with the first contact that has another law.
 pub fn require_coulomb(laws: &[ContactLaw], what: &'static str) -> Result<(), Error> {
     laws.iter().enumerate().try_for_each(|(node, law)| {
         let (argument, value) = if law.cohesion != 0.0 {
@@ -136,9 +130,6 @@ pub fn require_coulomb(laws: &[ContactLaw], what: &'static str) -> Result<(), Er
 }
 
 /// Checks a friction coefficient of a contact.
-///
-/// # Errors
-/// [`Error::Friction`].
 pub fn check_friction(node: usize, mu: f64) -> Result<(), Error> {
     if (0.0..=LARGEST_FRICTION).contains(&mu) {
         Ok(())

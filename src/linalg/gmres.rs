@@ -20,9 +20,6 @@ pub struct GmresSolution {
 /// `tol ‖b‖` or `most` products are used.
 ///
 /// `apply` is `A`; `precondition` is `M⁻¹`, in place. An error of either is returned.
-///
-/// # Errors
-/// The error of `apply`.
 pub fn solve<E>(
     apply: Product<'_, E>,
     precondition: &dyn Fn(&mut [f64]),

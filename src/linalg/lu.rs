@@ -33,9 +33,6 @@ impl Lu {
     /// Factors the matrix of order `n` with the rows `a`; `None` if a pivot is below the
     /// rounding of the largest entry.
     ///
-    /// # Errors
-    /// [`Error::Interrupted`] if `stop` is set.
-    ///
     /// # Panics
     /// If `a` has not `n²` entries.
     pub fn new(a: Vec<f64>, n: usize, stop: &AtomicBool) -> Result<Option<Self>, Error> {

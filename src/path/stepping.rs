@@ -72,9 +72,6 @@ pub fn increment<const D: usize>(
 
 /// The reduced problem of a step to the total loads. `state` has the relative displacement
 /// after the step before.
-///
-/// # Errors
-/// Wrong loads.
 pub fn reduced_step<'a, const D: usize>(
     problem: &'a Condensed<D>,
     load: &[f64],
@@ -113,9 +110,6 @@ fn without_rounding<'a, const D: usize>(
 /// Relative changes of the reactions and the relative displacements of a step by the rounding
 /// of the entries of `K`; zero for a problem that keeps its digits. `before` is as in
 /// [`forward_error`](crate::solver::newton::refine::forward_error).
-///
-/// # Errors
-/// Wrong loads, [`Error::Interrupted`].
 pub fn stiffness_rounding<const D: usize>(
     problem: &Condensed<D>,
     reduced: &Reduced<D>,
@@ -145,9 +139,6 @@ pub fn stiffness_rounding<const D: usize>(
 }
 
 /// `v` of reactions, computed with `u` and `K`, because `W` may have lost digits.
-///
-/// # Errors
-/// Wrong loads.
 pub fn evaluate<const D: usize>(
     problem: &Condensed<D>,
     reduced: &Reduced<D>,

@@ -67,10 +67,6 @@ impl<const D: usize> WorkingSetPath<D> {
     }
 
     /// Makes a step to the total loads; the state changes only if it converges.
-    ///
-    /// # Errors
-    /// As [`LoadPath::advance`], with contact numbers of all candidates, and the errors of
-    /// forming `W` of more contacts.
     pub fn advance(
         &mut self,
         problem: &Problem<D>,
@@ -285,9 +281,6 @@ impl<const D: usize> WorkingSetPath<D> {
 }
 
 /// The problem of the contacts with a reaction, or of all contacts if `W` of all is formed.
-///
-/// # Errors
-/// As [`Candidates::view`].
 pub fn around<const D: usize>(
     problem: &Problem<D>,
     reaction: &[[f64; D]],
@@ -299,9 +292,6 @@ pub fn around<const D: usize>(
 
 /// The problem of some contacts and of the initial ones, or of all contacts if `W` of all is
 /// formed.
-///
-/// # Errors
-/// As [`Candidates::view`].
 pub fn with<const D: usize>(
     problem: &Problem<D>,
     contacts: impl Iterator<Item = usize>,

@@ -80,7 +80,6 @@ impl Csr {
 #[pyo3(signature = (
     points, cells, slopes, weights, thickness, laws, material=None, num_threads=None
 ))]
-#[expect(clippy::too_many_arguments, reason = "the signature that Python sees")]
 pub(super) fn stiffness<'py>(
     py: Python<'py>,
     points: Matrix<'py>,
@@ -181,6 +180,29 @@ pub(super) fn sum_of_cells<'py>(
     Ok(found.into_arrays(py))
 }
 
+/// Evaluates an expression with the rows of K, whose indices have 32 or 64 bits.
+macro_rules! of_rows {
+    ($stiffness:expr, $by_node:expr, $k:ident => $result:expr) => {
+        of_rows!($stiffness, $by_node, $k => $result; Narrow, Wide)
+    };
+    ($stiffness:expr, $by_node:expr, $k:ident => $result:expr; $($kind:ident),*) => {{
+        let (pointer, index, values) = $stiffness;
+        let values = values.as_slice()?;
+        match (pointer, index) {
+            $((Indices::$kind(pointer), Indices::$kind(index)) => {
+                let (pointer, index) = (pointer.as_slice()?, index.as_slice()?);
+                let by_node = $by_node;
+                let $k = Rows { pointer, index, values, by_node };
+                $result
+            })*
+            _ => {
+                let message = "pointers and indices of K have different types";
+                return Err(PyValueError::new_err(message));
+            }
+        }
+    }};
+}
+
 /// Forces of a dilation and bodies by degree of freedom; by body the work of shears, least and
 /// greatest coordinates, and numbers of all and of free degrees of freedom.
 type BodiesOutput<'py> = (
@@ -212,24 +234,15 @@ pub(super) fn bodies<'py>(
 
 fn bodies_in<'py, const D: usize>(
     py: Python<'py>,
-    (pointer, index, values): &GivenCsr<'py>,
+    stiffness: &GivenCsr<'py>,
     places: &Matrix<'py>,
     by_node: bool,
     num_threads: Option<usize>,
 ) -> PyResult<BodiesOutput<'py>> {
     let places = arrays::rows::<D>(places)?;
-    let values = values.as_slice()?;
-    let found = match (pointer, index) {
-        (Indices::Narrow(pointer), Indices::Narrow(index)) => {
-            let k = rows(pointer.as_slice()?, index.as_slice()?, values, by_node);
-            interrupt::run(py, num_threads, |_| looked_at(&k, places))?
-        }
-        (Indices::Wide(pointer), Indices::Wide(index)) => {
-            let k = rows(pointer.as_slice()?, index.as_slice()?, values, by_node);
-            interrupt::run(py, num_threads, |_| looked_at(&k, places))?
-        }
-        _ => return Err(different_types()),
-    };
+    let found = of_rows!(stiffness, by_node, k => {
+        interrupt::run(py, num_threads, |_| inspect(&k, places))?
+    });
     Ok((
         arrays::from_vec(py, found.outward),
         PyArray1::from_vec(py, found.body),
@@ -241,20 +254,6 @@ fn bodies_in<'py, const D: usize>(
     ))
 }
 
-const fn rows<'a, I>(
-    pointer: &'a [I],
-    index: &'a [I],
-    values: &'a [f64],
-    by_node: bool,
-) -> Rows<'a, I> {
-    Rows {
-        pointer,
-        index,
-        values,
-        by_node,
-    }
-}
-
 /// The diagonal of K.
 #[pyfunction]
 #[pyo3(signature = (stiffness, num_threads=None))]
@@ -263,36 +262,17 @@ pub(super) fn diagonal<'py>(
     stiffness: GivenCsr<'py>,
     num_threads: Option<usize>,
 ) -> PyResult<NewVector<'py>> {
-    let (pointer, index, values) = &stiffness;
-    let values = values.as_slice()?;
-    let found = match (pointer, index) {
-        (Indices::Narrow(pointer), Indices::Narrow(index)) => {
-            let k = rows(pointer.as_slice()?, index.as_slice()?, values, true);
-            interrupt::run(py, num_threads, |_| diagonal_of(&k))?
-        }
-        (Indices::Wide(pointer), Indices::Wide(index)) => {
-            let k = rows(pointer.as_slice()?, index.as_slice()?, values, true);
-            interrupt::run(py, num_threads, |_| diagonal_of(&k))?
-        }
-        _ => return Err(different_types()),
-    };
-    Ok(arrays::from_vec(py, found))
-}
-
-fn diagonal_of<I: Copy + Sync>(k: &Rows<'_, I>) -> Result<Vec<f64>, Error>
-where
-    usize: TryFrom<I>,
-{
-    checked(k, k.pointer.len().saturating_sub(1))?;
-    Ok(inspection::diagonal(k))
-}
-
-fn different_types() -> PyErr {
-    PyValueError::new_err("pointers and indices of K have different types")
+    let diagonal = of_rows!(&stiffness, true, k => {
+        interrupt::run(py, num_threads, |_| {
+            check_rows(&k, k.pointer.len().saturating_sub(1))?;
+            Ok(inspection::diagonal(&k))
+        })?
+    });
+    Ok(arrays::from_vec(py, diagonal))
 }
 
 /// The bodies of K, after its rows have been checked.
-fn looked_at<I: Copy + Sync, const D: usize>(
+fn inspect<I: Copy + Sync, const D: usize>(
     k: &Rows<'_, I>,
     places: &[[f64; D]],
 ) -> Result<Bodies<D>, Error>
@@ -301,12 +281,12 @@ where
 {
     let n = places.len();
     arrays::length("coordinates", n, n / D * D)?;
-    checked(k, n)?;
+    check_rows(k, n)?;
     Ok(inspection::bodies(*k, places))
 }
 
 /// Checks that the arrays are those of a square matrix of `n` rows.
-fn checked<I: Copy + Sync>(k: &Rows<'_, I>, n: usize) -> Result<(), Error>
+fn check_rows<I: Copy + Sync>(k: &Rows<'_, I>, n: usize) -> Result<(), Error>
 where
     usize: TryFrom<I>,
 {

@@ -241,10 +241,6 @@ impl PyContactPath {
     /// A step of `engine` from the unknowns `start` to the forces `force` and the prescribed
     /// displacements. The state changes only if it converges.
     #[pyo3(signature = (engine, start, force, prescribed, gap, method, tol, max_iterations, max_seconds))]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the settings of one call from Python"
-    )]
     fn step<'py>(
         &mut self,
         engine: Bound<'py, PyAny>,

@@ -169,7 +169,6 @@ impl PyContactVariables {
     /// `fixed` itself for a free one; `blocks (nodes, d²)` the diagonal blocks of `K`; `bodies`
     /// the body of each node, and `held` is not zero for a body with a support.
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new(
         contact: Csr<'_>,
         gap: Matrix<'_>,

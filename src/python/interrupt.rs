@@ -17,9 +17,6 @@ const LOOK: Duration = Duration::from_millis(50);
 
 /// Runs `work` in the pool of `num_threads` without the interpreter lock. The calling thread
 /// checks for signals and then sets the flag.
-///
-/// # Errors
-/// The error of `work`, or the exception of the signal; a `RuntimeError` for a panic.
 pub(super) fn run<T: Send>(
     py: Python<'_>,
     num_threads: Option<usize>,
@@ -30,9 +27,6 @@ pub(super) fn run<T: Send>(
 
 /// [`run`], calling `tell` as often as it checks for signals. An exception from `tell` stops
 /// the work too.
-///
-/// # Errors
-/// The error of `work`, or the exception of the signal or of `tell`.
 pub(super) fn watch<T: Send>(
     py: Python<'_>,
     num_threads: Option<usize>,
@@ -59,9 +53,6 @@ thread_local! {
 
 /// Runs `work` on the calling thread: to wake another takes longer than a small problem. `work`
 /// calls [`look_here`] from time to time.
-///
-/// # Errors
-/// As [`run`].
 pub(super) fn here<T: Send>(
     py: Python<'_>,
     work: impl FnOnce(&AtomicBool) -> Result<T, Error> + Send,

@@ -189,10 +189,6 @@ impl PyPath {
     /// A step to the total loads, with the gaps of the problem unless others are given. The
     /// state changes only if the step converges.
     #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds))]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the settings of one call from Python"
-    )]
     fn step(
         &mut self,
         py: Python<'_>,

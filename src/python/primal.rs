@@ -132,7 +132,6 @@ impl PyPrimal {
     /// The arguments of `Condensed`, and whether nodes are copies on springs.
     #[new]
     #[pyo3(signature = (stiffness, contact, gap, law, fixed, num_threads, places=None, has_copies=false))]
-    #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new<'py>(
         py: Python<'py>,
         stiffness: Csr<'py>,
@@ -270,10 +269,6 @@ impl PyPrimalPath {
     /// `again` makes the last step once more, with other loads, from its solution; `draft`
     /// leaves out the estimate of its errors.
     #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds, again=false, draft=false))]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the settings of one call from Python"
-    )]
     fn step<'py>(
         &mut self,
         py: Python<'py>,

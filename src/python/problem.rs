@@ -42,7 +42,6 @@ impl PyCondensed {
         places=None, known=None, memory_limit=None, grow=None, before=None, on_forecast=None,
         kinematics=None
     ))]
-    #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new<'py>(
         py: Python<'py>,
         stiffness: Csr<'py>,
@@ -270,7 +269,6 @@ impl PyCondensed {
 
     /// The bound of a step, whose total relative displacement is `reported`. `None` with a
     /// working set.
-    #[expect(clippy::too_many_arguments, reason = "what makes a step, from Python")]
     fn error_bound(
         &self,
         py: Python<'_>,

@@ -82,10 +82,6 @@ impl PyReduced {
     }
 
     #[pyo3(signature = (method, tol, max_iterations, max_seconds, reaction, rigid, num_threads, callback=None))]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the settings of one call from Python"
-    )]
     fn solve(
         &self,
         py: Python<'_>,

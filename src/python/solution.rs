@@ -38,8 +38,6 @@ pub(super) struct PySolution {
 }
 
 impl PySolution {
-    /// # Errors
-    /// A number is not finite.
     pub(super) fn new<const D: usize>(
         py: Python<'_>,
         solution: &Solution<D>,

@@ -74,17 +74,11 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// Makes `W` from a dense row-major matrix of order `D n_c`.
-    ///
-    /// # Errors
-    /// As [`Compliance::new`].
     pub fn from_dense(contacts: usize, matrix: Cow<'a, [f64]>) -> Result<Self, Error> {
         Self::new(vec![((0..contacts).collect(), Part::Dense(matrix))])
     }
 
     /// `T W T`.
-    ///
-    /// # Errors
-    /// As [`Compliance::new`], if factors are outside the range of doubles.
     pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Compliance<'static, D>, Error> {
         let part = |island: &Island<'a, D>| {
             let caller = &self.order[island.nodes.clone()];
@@ -94,9 +88,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// `Q W Qᵀ`.
-    ///
-    /// # Errors
-    /// As [`Compliance::new`].
     pub fn rotated(&self, rotation: &Rotation<D>) -> Result<Compliance<'static, D>, Error> {
         let part = |island: &Island<'a, D>| {
             let caller = &self.order[island.nodes.clone()];
@@ -121,9 +112,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
     }
 
     /// `W` in blocks, if it is sparse.
-    ///
-    /// # Errors
-    /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
     pub fn whole(&self) -> Result<Option<&Whole<D>>, Error> {
         if !self.is_sparse() {
             return Ok(None);
@@ -334,9 +322,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// The blocks of a sparse `W` in the numbering of the caller: the first of each row,
     /// columns, and row-major entries.
-    ///
-    /// # Errors
-    /// As [`Compliance::whole`].
     pub fn rows_of_blocks(&self) -> Result<Option<BlockRows>, Error> {
         let Some(whole) = self.whole()? else {
             return Ok(None);

@@ -39,10 +39,6 @@ pub const LARGEST_RATIO: f64 = 1e6;
 pub const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 impl EllipticScaling {
-    /// # Errors
-    /// [`Error::Friction`] for a coefficient out of range,
-    /// [`Error::EllipticFriction`] for two coefficients with a ratio above [`LARGEST_RATIO`],
-    /// or if only one of them is zero.
     pub fn new(mu: &[[f64; 2]]) -> Result<Friction, Error> {
         let mut round = Vec::with_capacity(mu.len());
         let mut tangents = Vec::with_capacity(mu.len());

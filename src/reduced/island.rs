@@ -93,10 +93,6 @@ pub struct Island<'a, const D: usize> {
 
 impl<'a, const D: usize> Island<'a, D> {
     /// Makes an island at the positions `nodes`, with `caller` the contact numbers there.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] for a matrix of the wrong size, [`Error::EntryNotFinite`]
-    /// for a NaN or an infinity.
     pub fn new(nodes: Range<usize>, caller: &[usize], part: Part<'a, D>) -> Result<Self, Error> {
         let m = D * nodes.len();
         let mut transpose = None;

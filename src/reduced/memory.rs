@@ -11,10 +11,6 @@ pub struct Budget {
 
 impl Budget {
     /// Checks `bytes`, of which `held` are allocated already.
-    ///
-    /// # Errors
-    /// [`Error::Memory`] if `what` needs more than the free memory, [`Error::MemoryLimit`] if
-    /// it needs more than the limit of the caller.
     pub fn check(self, what: &'static str, bytes: u128, held: u128) -> Result<(), Error> {
         match self.limit {
             Some(limit) if bytes > limit => Err(Error::MemoryLimit { what, bytes, limit }),
@@ -33,8 +29,6 @@ fn available() -> Option<u128> {
     Some(1024 * kilobytes)
 }
 
-/// # Errors
-/// [`Error::Memory`] if `what` needs more than the free memory.
 pub fn check(what: &'static str, bytes: u128) -> Result<(), Error> {
     match available() {
         Some(available) if bytes > available => Err(Error::Memory {

@@ -111,9 +111,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
     }
 
     /// The same problem with `q = 0`.
-    ///
-    /// # Errors
-    /// As [`Self::new`].
     pub fn without_offset(&self) -> Result<Self, Error> {
         let mut other = self.clone();
         other.q.fill([0.0; D]);
@@ -128,9 +125,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
 
     /// [`Compliance::whole`]; with many rigid motions the matrix `(W, R̂; R̂ᵀ, 0)`, its motions in
     /// blocks of `D` after the contacts.
-    ///
-    /// # Errors
-    /// As [`Compliance::whole`].
     pub fn whole(&self) -> Result<Option<&Whole<D>>, Error> {
         let Some(whole) = self.compliance.whole()? else {
             return Ok(None);

@@ -27,9 +27,6 @@ impl<const D: usize> From<Vec<Vec<[f64; D]>>> for RigidMotions<D> {
 
 impl<const D: usize> RigidMotions<D> {
     /// From `R` by rows, `D` for each contact.
-    ///
-    /// # Errors
-    /// Those of [`Rows::check`].
     pub fn from_rows(rows: Rows, contacts: usize, count: usize) -> Result<Self, Error> {
         rows.check("R", D * contacts, count)?;
         let mut at = vec![[0.0; D]; count];

@@ -2,8 +2,6 @@
 
 use crate::error::Error;
 
-/// # Errors
-/// [`Error::Shape`].
 pub fn check_length(what: &'static str, found: usize, expected: usize) -> Result<(), Error> {
     if found == expected {
         Ok(())
@@ -16,8 +14,6 @@ pub fn check_length(what: &'static str, found: usize, expected: usize) -> Result
     }
 }
 
-/// # Errors
-/// [`Error::NotFinite`] with the place.
 pub fn check_finite(what: &'static str, values: &[f64]) -> Result<(), Error> {
     match values.iter().position(|x| !x.is_finite()) {
         None => Ok(()),

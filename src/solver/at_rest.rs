@@ -25,9 +25,6 @@ use crate::solver::solution::Solution;
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// The contacts of a problem, in its order.
-///
-/// # Errors
-/// As [`Statics::new`].
 pub fn of_problem<const D: usize>(problem: &Reduced<D>) -> Result<Statics, Error> {
     let mut rows = OwnedMatrix::default();
     for contact in 0..problem.contacts() {
@@ -97,9 +94,6 @@ pub(super) fn find_rest<const D: usize>(problem: &Reduced<D>) -> Option<Vec<f64>
 }
 
 /// The answer of statics as a solution of many rigid bodies: `W = 0`, `q = 0`.
-///
-/// # Errors
-/// [`Error::DependentMotion`], [`Error::Interrupted`].
 pub fn solve_at_rest<const D: usize>(
     statics: &Statics,
     load: &[f64],

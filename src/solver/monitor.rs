@@ -157,9 +157,6 @@ impl<'p, const D: usize> Monitor<'p, D> {
 
     /// Checks the point `(r, a)` with its running `v`, after an iteration (`iterated`) or at
     /// the start.
-    ///
-    /// # Errors
-    /// [`Ended`] at a solution or a limit, or if the caller interrupts.
     pub fn look(
         &mut self,
         r: &[[f64; D]],

@@ -63,9 +63,6 @@ impl Method {
 
     /// Refuses laws that the method does not solve. Pivoting has the cells of Coulomb's law;
     /// friction with a fixed pressure has no dilatancy.
-    ///
-    /// # Errors
-    /// [`Error::NotCoulomb`].
     pub fn require_law(self, laws: &[ContactLaw]) -> Result<(), Error> {
         match self {
             Self::Pivoting => require_coulomb(laws, "method 'pivoting'"),
@@ -115,8 +112,6 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// # Errors
-    /// [`Error::Setting`] naming the first setting out of range.
     pub fn validate(&self) -> Result<(), Error> {
         // Written such that a NaN fails.
         if !(self.tol > 0.0 && self.tol < 1.0) {

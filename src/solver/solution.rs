@@ -124,9 +124,6 @@ impl<const D: usize> Solution<D> {
     /// Refines a converged solution with a more accurate evaluation of `v` than `W` gives; the
     /// certificate then uses it. The result is the better of the point and the refined one. If
     /// neither is a solution, the outcome is stalled.
-    ///
-    /// # Errors
-    /// What `evaluate` returns, and [`Error::Interrupted`].
     pub fn refine(
         &mut self,
         problem: &Reduced<D>,

@@ -22,6 +22,7 @@ use crate::solver::outcome::{Ended, Outcome};
 use crate::solver::paper::multipliers::{self, LAGRANGIAN, RETURN};
 use crate::solver::paper::pivoting;
 use crate::solver::paper::principles::alternating_principles;
+use crate::solver::paper::principles::convex::iterate_frozen;
 use crate::solver::paper::principles::displacement_principle;
 use crate::solver::paper::principles::minimising_sequence::{self, Sequence};
 use crate::solver::paper::principles::stress_principle;
@@ -36,11 +37,6 @@ const LEAST_SECONDS: f64 = 2.0;
 /// Solves the reduced problem.
 ///
 /// A solver that does not converge gives no error: the best point is returned.
-///
-/// # Errors
-/// [`Error::Setting`] for settings out of range, [`Error::NotHeld`] if only contact holds a
-/// body and the method cannot balance it, [`Error::NotCoulomb`] if it does not solve the law of a
-/// contact, [`Error::Interrupted`] if `stop` is set.
 pub fn solve<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
@@ -51,9 +47,6 @@ pub fn solve<const D: usize>(
 }
 
 /// [`solve`] with its progress readable by another thread.
-///
-/// # Errors
-/// As [`solve`].
 pub fn solve_watched<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
@@ -272,9 +265,13 @@ fn run_method<const D: usize>(
         Method::UzawaTwoProjection => uzawa::run(problem, Variant::TwoProjections, start, monitor),
         Method::ReturnMapping => multipliers::run(problem, RETURN, start, monitor),
         Method::PerturbedLagrangian => multipliers::run(problem, LAGRANGIAN, start, monitor),
-        Method::DisplacementPrinciple => displacement_principle::run(problem, start, monitor),
+        Method::DisplacementPrinciple => iterate_frozen(problem, start, monitor, |point| {
+            displacement_principle::frozen(problem, &point.r)
+        }),
         Method::AlternatingPrinciples => alternating_principles::run(problem, start, monitor),
-        Method::StressPrinciple => stress_principle::run(problem, start, monitor),
+        Method::StressPrinciple => iterate_frozen(problem, start, monitor, |point| {
+            stress_principle::frozen(problem, &point.v)
+        }),
         Method::MinimisingSequence => minimising_sequence::run(problem, start, monitor, sequence),
         Method::Pivoting => pivoting::run(problem, start, monitor),
     }

@@ -22,9 +22,6 @@ use faer::{Accum, MatMut, MatRef, Par};
 /// Returns the index of the first pivot that is not positive, if there is one; then `a` is
 /// invalid.
 ///
-/// # Errors
-/// [`Error::Interrupted`] if `stop` is set.
-///
 /// # Panics
 /// If `a` has not `n²` entries.
 pub fn cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<Option<usize>, Error> {
@@ -117,9 +114,6 @@ fn subtract_product(columns: &mut [f64], n: usize, panel: &[f64], layout: Panel)
 }
 
 /// `X ← L⁻¹ X` for `columns` right-hand sides of length `n`.
-///
-/// # Panics
-/// If a slice does not have the length of its matrix.
 pub fn solve_lower(l: &[f64], n: usize, x: &mut [f64], columns: usize) {
     solve(l, n, x, columns, |l, x| {
         solve_lower_triangular_in_place(l, x, Par::Seq);
@@ -127,9 +121,6 @@ pub fn solve_lower(l: &[f64], n: usize, x: &mut [f64], columns: usize) {
 }
 
 /// `X ← L⁻ᵀ X` for `columns` right-hand sides of length `n`.
-///
-/// # Panics
-/// If a slice does not have the length of its matrix.
 pub fn solve_lower_transpose(l: &[f64], n: usize, x: &mut [f64], columns: usize) {
     solve(l, n, x, columns, |l, x| {
         solve_upper_triangular_in_place(l.transpose(), x, Par::Seq);

@@ -9,9 +9,6 @@ use crate::linalg::dense::kernels::leave_wide;
 
 /// Eigenvalues, ascending, and eigenvectors, as columns, of a symmetric matrix. Its lower
 /// triangle is read; the vectors replace `a`.
-///
-/// # Panics
-/// If a slice does not have the length of its matrix, or an entry is not finite.
 pub fn symmetric_eigen(a: &mut [f64], n: usize, values: &mut [f64]) {
     assert_eq!(a.len(), n * n);
     assert_eq!(values.len(), n);

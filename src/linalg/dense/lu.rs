@@ -12,9 +12,6 @@ use crate::linalg::dense::kernels::{
 
 /// LU with partial pivoting of the rows `first..n` of a panel of columns of length `n`. Returns
 /// the order of the rows, counted from `first`, and the number of exchanges.
-///
-/// # Panics
-/// If the panel does not consist of whole columns.
 pub fn lu_panel(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize) {
     let width = panel.len() / n;
     let rows = n - first;
@@ -38,9 +35,6 @@ pub fn lu_panel(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize
 
 /// Eliminates a factored panel, whose diagonal begins at row `first`, from columns to its
 /// right: `U₁₂ = L₁₁⁻¹ A₁₂`, `A₂₂ ← A₂₂ − L₂₁ U₁₂`.
-///
-/// # Panics
-/// If a slice does not consist of whole columns.
 pub fn lu_update(columns: &mut [f64], panel: &[f64], n: usize, first: usize) {
     let width = panel.len() / n;
     let count = columns.len() / n;
@@ -57,9 +51,6 @@ pub fn lu_update(columns: &mut [f64], panel: &[f64], n: usize, first: usize) {
 }
 
 /// `b ← U⁻¹ L⁻¹ b` for the factors of an LU, `L` with a unit diagonal.
-///
-/// # Panics
-/// If a slice does not have the length of its matrix.
 pub fn lu_solve(factors: &[f64], n: usize, b: &mut [f64]) {
     let factors = MatRef::from_column_major_slice(factors, n, n);
     let mut b = MatMut::from_column_major_slice_mut(b, n, 1);
@@ -68,9 +59,6 @@ pub fn lu_solve(factors: &[f64], n: usize, b: &mut [f64]) {
 }
 
 /// `b ← L⁻ᵀ U⁻ᵀ b` for the factors of an LU, `L` with a unit diagonal.
-///
-/// # Panics
-/// If a slice does not have the length of its matrix.
 pub fn lu_solve_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
     let factors = MatRef::from_column_major_slice(factors, n, n);
     let mut b = MatMut::from_column_major_slice_mut(b, n, 1);
@@ -79,9 +67,6 @@ pub fn lu_solve_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
 }
 
 /// `U₁₂ = L₁₁⁻¹ F₁₂` for columns of a front with factored pivots and exchanged rows.
-///
-/// # Panics
-/// If a slice does not consist of whole columns.
 pub fn lu_upper(pivots: &[f64], np: usize, columns: &mut [f64]) {
     let pivots = MatRef::from_column_major_slice(pivots, np, np);
     let count = columns.len() / np;
@@ -90,9 +75,6 @@ pub fn lu_upper(pivots: &[f64], np: usize, columns: &mut [f64]) {
 }
 
 /// `L₂₁ᵀ = U₁₁⁻ᵀ F₂₁ᵀ` for columns of it.
-///
-/// # Panics
-/// If a slice does not consist of whole columns.
 pub fn lu_lower(pivots: &[f64], np: usize, columns: &mut [f64]) {
     let pivots = MatRef::from_column_major_slice(pivots, np, np);
     let count = columns.len() / np;
@@ -101,9 +83,6 @@ pub fn lu_lower(pivots: &[f64], np: usize, columns: &mut [f64]) {
 }
 
 /// `F₂₂ ← F₂₂ − L₂₁ U₁₂` for columns of `F₂₂` and of `U₁₂`.
-///
-/// # Panics
-/// If a slice does not consist of whole columns.
 pub fn lu_rest(lower: &[f64], upper: &[f64], np: usize, rest: &mut [f64]) {
     let (nu, count) = (lower.len() / np, upper.len() / np);
     let lower = MatRef::from_column_major_slice(lower, np, nu);
@@ -113,9 +92,6 @@ pub fn lu_rest(lower: &[f64], upper: &[f64], np: usize, rest: &mut [f64]) {
 }
 
 /// `b ← U⁻¹ b` for the factors of an LU.
-///
-/// # Panics
-/// If a slice does not have the length of its matrix.
 pub fn lu_solve_upper(factors: &[f64], n: usize, b: &mut [f64]) {
     let factors = MatRef::from_column_major_slice(factors, n, n);
     let b = MatMut::from_column_major_slice_mut(b, n, 1);

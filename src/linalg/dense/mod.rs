@@ -1,6 +1,7 @@
 //! Dense kernels. Only this folder uses faer.
 //!
-//! All matrices are column-major slices. faer runs on one thread. The tiles are cut here, at
+//! All matrices are column-major slices of finite numbers: a slice that is not whole columns, or
+//! has not the length of its matrix, is a panic. faer runs on one thread. The tiles are cut here, at
 //! fixed places, so that results have the same bits for any number of threads.
 
 mod cholesky;

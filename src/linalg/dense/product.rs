@@ -24,9 +24,6 @@ pub enum Op {
 /// `C = α op(A) op(B) + β C`, with `C` `m × n` and `op(A)` `m × k`.
 ///
 /// With `beta = 0`, `C` is not read, even if it contains NaN.
-///
-/// # Panics
-/// If a slice does not have the length of its matrix.
 #[expect(
     clippy::too_many_arguments,
     clippy::many_single_char_names,

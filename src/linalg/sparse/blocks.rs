@@ -21,10 +21,6 @@ pub struct Blocks<const D: usize> {
 impl<const D: usize> Blocks<D> {
     /// Makes it from the blocks of each row, row-major: row `i` has the columns
     /// `column[start[i]..start[i + 1]]`. A pair that occurs twice is summed.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::SparseStructure`] or [`Error::IndexRange`] for inconsistent
-    /// arrays, [`Error::EntryNotFinite`].
     pub fn new(start: &[usize], column: &[usize], values: &[f64]) -> Result<Self, Error> {
         let n = start.len().saturating_sub(1);
         check(start, column, values.len() / (D * D))?;

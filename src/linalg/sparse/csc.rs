@@ -53,11 +53,6 @@ pub struct Symmetric<'a, I = usize> {
 
 impl<'a, I: Index> Symmetric<'a, I> {
     /// Checks structure and finiteness, once.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] for inconsistent lengths, [`Error::SparseStructure`] for pointers that
-    /// decrease or indices that do not increase, [`Error::IndexRange`] and
-    /// [`Error::EntryNotFinite`].
     pub fn new(
         n: usize,
         col_ptr: &'a [usize],

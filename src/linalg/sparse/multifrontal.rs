@@ -96,12 +96,6 @@ impl Factor {
     /// the current rayon pool, and the bits do not depend on its size. `stop` is checked before
     /// each front.
     ///
-    /// # Errors
-    /// [`Error::Indefinite`] and [`Error::FloatingBody`] with the unknown of the caller, if a
-    /// pivot is negative or vanishes relative to the diagonal of K; [`Error::Interrupted`] if
-    /// `stop` is set; [`Error::Shape`] or [`Error::SparseStructure`] if `k` does not have the
-    /// analysed pattern.
-    ///
     /// It uses the memory of an earlier factor of the same analysis, if there was one; the
     /// analysis keeps this memory. It keeps the stack of updates too, if
     /// [`Symbolic::keep_stack`] says so.

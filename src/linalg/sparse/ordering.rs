@@ -24,9 +24,6 @@ pub(crate) struct Graph {
 impl Graph {
     /// Makes it from the neighbour lists of the vertices; `weight` is the number of unknowns of
     /// a vertex.
-    ///
-    /// # Errors
-    /// [`Error::IndexRange`] if METIS's 32-bit indices cannot count the edges or the unknowns.
     pub(crate) fn new(start: &[usize], neighbours: &[u32], weight: &[u32]) -> Result<Self, Error> {
         let narrow = |what, position, found: usize| {
             i32::try_from(found).map_err(|_| Error::IndexRange {

@@ -13,8 +13,6 @@ pub struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// # Errors
-    /// Structure, range or finiteness, with the place.
     pub fn check(&self, what: &'static str, rows: usize, columns: usize) -> Result<(), Error> {
         if self.row_ptr.len() != rows + 1 {
             return Err(Error::Shape {

@@ -25,8 +25,6 @@ pub struct Analysis {
 }
 
 impl Analysis {
-    /// # Errors
-    /// [`Error::IndexRange`] if 32-bit indices cannot number the matrix.
     pub fn new<const D: usize>(blocks: &Blocks<D>) -> Result<Self, Error> {
         let order = D * blocks.rows();
         let mut start = vec![0];
@@ -75,9 +73,6 @@ pub struct SparseLu<'s> {
 impl<'s> SparseLu<'s> {
     /// Factors a matrix of the analysed pattern; `None` if a pivot is below the rounding of the
     /// largest entry.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`] if `stop` is set.
     ///
     /// # Panics
     /// If the order of the matrix is not the analysed one.

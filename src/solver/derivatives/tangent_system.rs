@@ -136,9 +136,6 @@ pub struct TangentSystem {
 
 impl TangentSystem {
     /// Factors the system of some closed contacts; `None` if it is singular.
-    ///
-    /// # Errors
-    /// [`Error::Memory`], [`Error::Interrupted`].
     pub fn new<const D: usize>(
         problem: &Reduced<D>,
         laws: &[ClosedLaw<D>],

@@ -98,9 +98,6 @@ fn minus<const D: usize>((a, b): (&[f64; D], &[f64; D])) -> [f64; D] {
 }
 
 /// Corrects a point while this improves it; `evaluate` makes a point from `(r, a)`.
-///
-/// # Errors
-/// What `evaluate` returns, and [`Error::Interrupted`].
 pub fn refine<const D: usize>(
     problem: &Reduced<D>,
     mut point: RefinedPoint<D>,

@@ -178,11 +178,6 @@ impl Symbolic {
     ///
     /// `kept` may be empty or contain all unknowns; S has its order. The rest may be
     /// disconnected. Stored zeros belong to the pattern.
-    ///
-    /// # Errors
-    /// [`Error::IndexRange`] and [`Error::Repeated`] for `kept`,
-    /// [`Error::Shape`] and [`Error::NotFinite`] for the coordinates, and
-    /// [`Error::IndexRange`] for a matrix that 32-bit indices cannot number.
     pub fn analyse(k: &Symmetric, kept: &[usize], options: &Options) -> Result<Self, Error> {
         let begin = Instant::now();
         let n = k.n();
@@ -350,9 +345,6 @@ impl Plan {
     }
 
     /// Whether `k` has the analysed pattern.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] or [`Error::SparseStructure`].
     pub(crate) fn check_pattern(&self, k: &Symmetric) -> Result<(), Error> {
         if k.n() != self.n {
             return Err(Error::Shape {

@@ -116,9 +116,6 @@ pub fn enough<const D: usize>(
 
 /// Makes passes of a principle until the monitor stops it or a pass gives no improvement. A
 /// pass leads from one point to the next.
-///
-/// # Errors
-/// [`Ended`], also of a pass.
 pub fn iterate<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,

@@ -10,10 +10,6 @@
 use crate::law::contact_law::ContactLaw;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
-use crate::solver::monitor::Monitor;
-use crate::solver::outcome::Ended;
-use crate::solver::paper::principles::convex::iterate_frozen;
-use crate::solver::settings::Start;
 
 /// The laws of a pass, with friction limits from the pressures of `r`.
 pub fn frozen<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Frozen<D>> {
@@ -31,13 +27,4 @@ pub fn frozen<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Froze
         Frozen::Cone { law, slip: 0.0 }
     };
     r.iter().zip(&problem.law).map(limit).collect()
-}
-
-/// Runs until the monitor stops it or passes give no improvement.
-pub fn run<const D: usize>(
-    problem: &Reduced<D>,
-    start: &Start<D>,
-    monitor: &mut Monitor<D>,
-) -> Result<(), Ended> {
-    iterate_frozen(problem, start, monitor, |point| frozen(problem, &point.r))
 }

@@ -8,10 +8,6 @@ use crate::law::contact_law::ContactLaw;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::tangential_norm;
 use crate::reduced::reduced::Reduced;
-use crate::solver::monitor::Monitor;
-use crate::solver::outcome::Ended;
-use crate::solver::paper::principles::convex::iterate_frozen;
-use crate::solver::settings::Start;
 
 /// The laws of a pass, with the slip of `v`.
 pub fn frozen<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<Frozen<D>> {
@@ -20,13 +16,4 @@ pub fn frozen<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<Froze
         slip: law.correction() * tangential_norm(v),
     };
     v.iter().zip(&problem.law).map(of_slip).collect()
-}
-
-/// Runs until the monitor stops it or passes give no improvement.
-pub fn run<const D: usize>(
-    problem: &Reduced<D>,
-    start: &Start<D>,
-    monitor: &mut Monitor<D>,
-) -> Result<(), Ended> {
-    iterate_frozen(problem, start, monitor, |point| frozen(problem, &point.v))
 }
