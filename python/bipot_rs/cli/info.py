@@ -198,7 +198,7 @@ def summarise_scene(name: str) -> dict[str, object]:
 
 
 # Files of bodies, and of surfaces of rigid obstacles.
-_BODIES, _SURFACES = (".msh", ".inp", ".vtu"), (".stl",)
+_BODIES, _SURFACES = (".msh", ".inp", ".med", ".vtu"), (".stl",)
 MESH_SUFFIXES = (*_BODIES, *_SURFACES)
 _MANY = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
 # Most names that are listed.

@@ -1,4 +1,4 @@
-"""Readers of mesh files: gmsh, Abaqus and CalculiX, VTU.
+"""Readers of mesh files: gmsh, Abaqus and CalculiX, MED of Salome and code_aster, VTU.
 
 Names of volumes (``mesh.subdomains``) and surfaces (``mesh.boundaries``) come from:
 
@@ -7,6 +7,7 @@ Names of volumes (``mesh.subdomains``) and surfaces (``mesh.boundaries``) come f
   the same name.
 - Abaqus and CalculiX ``.inp``: ELSET, SURFACE, and NSET. An NSET gives the surface of the
   facets whose nodes are all in it.
+- ``.med``: groups of cells.
 - ``.vtu``: integer cell data, with names such as ``tag 3`` for the value 3 of ``tag``.
   Select surfaces by `bipot_rs.fem.surface`.
 
@@ -45,7 +46,7 @@ _FACETS = {
 _IGNORED = ("vertex",)
 # Up to this number of different values, integer cell data count as groups.
 _GROUPS = 64
-_SUFFIXES = (".msh", ".inp", ".vtu")
+_SUFFIXES = (".msh", ".inp", ".med", ".vtu")
 
 
 class _Block(Protocol):
@@ -63,6 +64,7 @@ class _MeshioMesh(Protocol):
     cell_data: Mapping[str, Sequence[AnyArray]]
     point_data: Mapping[str, AnyArray]
     field_data: Mapping[str, AnyArray]
+    cell_tags: Mapping[int, Sequence[str]]  # of meshlane: the groups of each family
 
 
 def read_mesh(
@@ -80,7 +82,7 @@ def read_mesh(
     Parameters
     ----------
     path
-        A file with the suffix ``.msh``, ``.inp`` or ``.vtu``.
+        A file with the suffix ``.msh``, ``.inp``, ``.med`` or ``.vtu``.
     group
         Names of the volumes to read; default all cells.
     check
@@ -94,7 +96,7 @@ def read_mesh(
         The file does not have the format of its suffix or is incomplete, has no cells,
         lacks a volume, or has cells of several kinds; or `check_mesh` finds a fault.
     ModuleNotFoundError
-        meshio is not installed; ``.inp`` does not need it.
+        meshio is not installed, for ``.med`` meshlane; ``.inp`` does not need it.
     """
     where = Path(path)
     return _mesh(where, _open(where), group, check=check)
@@ -198,15 +200,19 @@ def _complete(path: Path, suffix: str) -> None:
         (b"$MeshFormat", b"$Comme")
     ):
         raise ValueError(f"the mesh {path} is not a gmsh file: it has no $MeshFormat")
-    end = {".msh": "$EndElements", ".vtu": "</VTKFile>"}[suffix]
+    # HDF5 itself refuses an incomplete .med file.
+    end = {".msh": "$EndElements", ".vtu": "</VTKFile>"}.get(suffix, "")
     if end.encode() not in content:
         raise ValueError(f"the mesh {path} is incomplete: it has no {end}")
 
 
 def _of_meshio(path: Path, suffix: str, source: Path) -> Content:
-    """Read ``source`` with meshio; messages name ``path``."""
-    meshio = load_library("meshio", extra="fem", need="meshes in files")
-    reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
+    """Read ``source`` with meshio, or meshlane; messages name ``path``."""
+    if suffix == ".med":
+        reader = load_library("meshlane", extra="med", need="MED files").med
+    else:
+        meshio = load_library("meshio", extra="fem", need="meshes in files")
+        reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
     try:
         # meshio prints warnings for valid files, and for files refused below.
         with redirect_stderr(StringIO()):
@@ -233,6 +239,14 @@ def _of_meshio(path: Path, suffix: str, source: Path) -> Content:
     file = Content(points, blocks)
     if suffix == ".msh":
         _add_groups(source, file, read)
+    elif suffix == ".med":
+        # A family, by its number, has the cells that are in the same groups.
+        for family, names in read.cell_tags.items():
+            own = [np.flatnonzero(k == family) for k in read.cell_data["cell_tags"]]
+            for name in names:
+                held = file.sets.setdefault(name, _none(file))
+                file.sets[name] = [*map(np.union1d, held, own)]
+        return file
     else:
         for name, parts in read.cell_sets.items():
             file.sets[name] = [

@@ -178,6 +178,32 @@ def test_a_surface_of_a_file_is_the_section_of_a_bolt(name: str) -> None:
     np.testing.assert_array_equal(*forces)
 
 
+@pytest.mark.parametrize("name", ["quad.msh", "tetra10.msh", "hexahedron20.msh"])
+def test_groups_of_med(name: str, tmp_path: Path) -> None:
+    """The same body from gmsh and from a MED file with overlapping groups."""
+    meshlane = pytest.importorskip("meshlane")
+    body = fem.Body("it", fem.read_mesh(DATA / name), STEEL)
+    kind, cells = vtk_cells(body)
+    whole, facets = np.arange(len(cells)), body.mesh.facets.T[body.facets("base")]
+    corners = {2: "line", 3: "triangle", 4: "quad"}[facets.shape[1]]
+    sets = {
+        "left": [body.volume_cells("left"), []],
+        "all": [whole, []],
+        "base": [[], np.arange(len(facets))],
+    }
+    blocks = [(kind, cells), (corners, facets)]
+    mesh = meshlane.Mesh(body.points, blocks, cell_sets=sets)
+    mesh.write(tmp_path / "it.med")
+    back = fem.Body("it", fem.read_mesh(tmp_path / "it.med"), STEEL)
+    assert set(back.mesh.subdomains) == {"left", "all"}
+    for volume in ("left", "all"):
+        own = back.volume().weights[back.volume_cells(volume)].sum()
+        assert own == pytest.approx(2.0 if volume == "all" else 1.0, rel=1e-13)
+    assert back.surface("base").weights.sum() == pytest.approx(2.0, rel=1e-13)
+    left = fem.read_mesh(tmp_path / "it.med", "left")
+    assert left.p[0].max() == pytest.approx(1.0)
+
+
 def test_damaged_groups_of_gmsh(tmp_path: Path) -> None:
     text = (DATA / "groups41.msh").read_text()
     path = tmp_path / "it.msh"

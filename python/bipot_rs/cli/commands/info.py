@@ -20,7 +20,7 @@ def add_arguments(parser: shared.Parser) -> None:
         "file",
         metavar="FILE",
         help="The folder of a run or its result.h5; a file for ParaView (.pvd, .vtu); a "
-        "scene; or a mesh (.msh, .inp, .vtu, .stl).",
+        "scene; or a mesh (.msh, .inp, .med, .vtu, .stl).",
     )
     shared.add_json(parser)
 

@@ -657,8 +657,8 @@ class Result(Sequence[Step]):
             command line: ``step`` from 0, ``load``, the load parameter, which is ``step +
             1`` for a path of arrays; the numbers of contacts ``open``, ``slip`` and
             ``stick``, with cohesion also ``broken``; ``normal_force``, ``tangential_force``
-            and ``friction_used`` (NaN if nothing presses), for several surfaces with
-            `` of body.surface``, if the frames of the contacts are known; ``moment_x``,
+            and ``friction_used`` (NaN if nothing presses), for several surfaces followed by
+            ``of body.surface``, if the frames of the contacts are known; ``moment_x``,
             ``moment_y`` and ``moment_z`` of the contact forces about the origin and, of a flat
             surface in 3D, ``torque`` about its normal through its centre; ``residual``,
             ``iterations``, ``seconds``; with wear ``cycle``, ``worn_volume`` and

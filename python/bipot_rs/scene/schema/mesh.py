@@ -140,7 +140,7 @@ ByVolume = Annotated[
 
 
 class MeshFile(Table):
-    """A mesh from a file: gmsh ``.msh``, Abaqus or CalculiX ``.inp``, ``.vtu``.
+    """A mesh from a file: ``.msh``, ``.inp``, ``.med`` or ``.vtu``.
 
     ``file`` is relative to the scene file, for a model in Python to the working
     directory. ``group`` names the volumes of the file that make up the body; the default
