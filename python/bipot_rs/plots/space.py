@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,25 +37,6 @@ if TYPE_CHECKING:
 BACKENDS = ("matplotlib", "pyvista")
 # About the largest number of polygons that show values between contacts.
 _PIECES = 4000
-
-
-class _Camera(Protocol):
-    """What this module uses of the camera of PyVista."""
-
-    def zoom(self, factor: float) -> None: ...
-
-
-class _Plotter(Protocol):
-    """What this module uses of a ``Plotter`` of PyVista."""
-
-    camera: _Camera
-
-    def add_mesh(self, mesh: object, **options: object) -> object: ...
-    def add_legend(self, labels: object, **options: object) -> object: ...
-    def add_arrows(self, x: Floats, v: Floats, **options: object) -> object: ...
-    def add_text(self, text: str, **options: object) -> object: ...
-    def show_axes(self) -> None: ...
-    def view_vector(self, vector: Floats) -> None: ...
 
 
 def surface3d(
@@ -257,12 +238,12 @@ def _pyvista(
     model: Assembly | None,
     arrows: bool,
     limits: tuple[float, float] | None,
-    ax: _Plotter | None,
-) -> _Plotter:
+    ax: Any,
+) -> Any:
     pv = load_library("pyvista", extra="viz", need="pictures that turn")
-    plotter: _Plotter = (
-        pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
-    )
+    plotter = ax
+    if ax is None:
+        plotter = pv.Plotter(off_screen=True, window_size=(1000, 800))
     values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
     name = style.label(name, unit)
     parts = _polygons(seen)

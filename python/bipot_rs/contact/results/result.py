@@ -18,6 +18,7 @@ from bipot_rs._lib.records import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Integers, Ints, MatrixLike
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames
+from bipot_rs.contact.law.slip_check import find_farthest, measure_distances
 from bipot_rs.contact.results import pictures, summary, tables
 from bipot_rs.contact.results.contact_data import ContactData
 from bipot_rs.contact.results.contact_fields import list_instants, make_path_fields
@@ -175,8 +176,41 @@ class Result(Sequence[Step]):
         )
 
     def _summarise(self) -> summary.Summary:
-        last = tables.describe_surfaces(self[-1], self.contacts) if len(self) else ()
-        return summary.summarise_result(self, last)
+        title = f"Result: {self.message}"
+        times = ", ".join(
+            f"{k} {summary.format_seconds(v)}" for k, v in self.seconds.items()
+        )
+        where = summary.describe_places(*self.shape)
+        if not self.steps:
+            return title, [("contacts", where), ("cost", times)]
+        last, x = self[-1], self.contacts.get("x")
+        frame, ratio = self.contacts.get("frame"), 0.0
+        if frame is not None:
+            frame = find_step_frames(last, frame)
+        if x is not None and len(x):
+            ratio = find_farthest(self, measure_distances(x), np.arange(len(x)))[2]
+        lost = f"friction dissipated {self.dissipation.sum():.5g} in total"
+        far = (
+            f", contacts slid by up to {ratio:.2g} times their distance from each other"
+        )
+        forces = f"at the end {summary.describe_forces(last.reaction, frame)}"
+        surfaces = tables.describe_surfaces(last, self.contacts)
+        worst = max(self, key=lambda step: step.residual)
+        iterations = count_noun(sum(step.iterations for step in self), "iteration")
+        work = f"{sum(step.work for step in self):.4g} products with W"
+        rows = [
+            (
+                "contacts",
+                f"{where}, at the end {summary.describe_statuses(last.status)}",
+            ),
+            *(surfaces or [("forces", forces)]),
+            ("path", lost + (far if ratio > 1 else "")),
+            ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
+            ("cost", f"{iterations}, {work}: {times}"),
+        ]
+        if self.stiffness_rtol is not None:
+            rows.append(("stiffness", f"relative error {self.stiffness_rtol:g}"))
+        return title, [*rows, *(("remark", remark) for remark in self.remarks)]
 
     def __str__(self) -> str:
         return summary.format_text(self._summarise())

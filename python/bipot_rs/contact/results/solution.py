@@ -164,11 +164,37 @@ class Solution:
             f"residual {self.residual:.1e}, held to {self.tolerance:.1e})"
         )
 
+    def _summarise(self) -> summary.Summary:
+        # None: not computed yet.
+        unique = {
+            None: "not checked: see .unique",
+            "proved": "yes, proved",
+            "unknown": "unknown",
+            "others exist": "no",
+        }[self.computed.unique]
+        how = "converged in" if self.converged else f"{self.outcome} after"
+        if not self.converged:
+            unique = "no solution, only the best point that was reached: see .message"
+        residual = f"{self.residual:.2g}, limit {self.tolerance:.2g}"
+        if (estimate := self.computed.error_estimate) is not None:
+            r, v = estimate
+            residual += f"; forward error of r {r:.1g}, of v {v:.1g}"
+        where = summary.describe_places(*self.reaction.shape)
+        took = summary.format_seconds(self.seconds)
+        iterations = count_noun(self.iterations, "iteration")
+        return f"{type(self).__name__}: {how} {iterations}", [
+            ("contacts", f"{where}: {summary.describe_statuses(self.status)}"),
+            ("forces", summary.describe_forces(self.reaction)),
+            ("residual", residual),
+            ("unique", unique),
+            ("cost", f"{self.work:.4g} products with W, {took}"),
+        ]
+
     def __str__(self) -> str:
-        return summary.format_text(summary.summarise_solution(self))
+        return summary.format_text(self._summarise())
 
     def _repr_html_(self) -> str:
-        return summary.format_html(summary.summarise_solution(self))
+        return summary.format_html(self._summarise())
 
     @property
     def error_estimate(self) -> tuple[float, float] | None:

@@ -6,87 +6,20 @@ nothing is solved or factored for it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from bipot_rs._lib.messages import count_noun, size
 from bipot_rs._lib.types import AnyArray, Floats, Integers, Record
 from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.law.frames import find_step_frames
-from bipot_rs.contact.law.slip_check import MovedStep, find_farthest, measure_distances
 from bipot_rs.contact.law.status import STATUS_NAMES
-
-if TYPE_CHECKING:
-    from bipot_rs.contact.results.contact_data import ContactArrays
 
 Row = tuple[str, str]
 # A title, and rows of a name and a text.
 Summary = tuple[str, Sequence[Row]]
 
 _SPACE = {2: "in the plane", 3: "in space"}
-
-
-class _Computed(Protocol):
-    """As `Computed`."""
-
-    @property
-    def unique(self) -> str | None: ...
-    @property
-    def error_estimate(self) -> tuple[float, float] | None: ...
-
-
-class _Solved(Protocol):
-    """A `Solution`, which imports this module."""
-
-    @property
-    def reaction(self) -> Floats: ...
-    @property
-    def status(self) -> Integers: ...
-    @property
-    def outcome(self) -> str: ...
-    @property
-    def converged(self) -> bool: ...
-    @property
-    def residual(self) -> float: ...
-    @property
-    def tolerance(self) -> float: ...
-    @property
-    def iterations(self) -> int: ...
-    @property
-    def work(self) -> float: ...
-    @property
-    def seconds(self) -> float: ...
-    @property
-    def computed(self) -> _Computed: ...
-
-
-class _Step(_Solved, MovedStep, Protocol):
-    """A `Step`."""
-
-    @property
-    def dissipation(self) -> float: ...
-
-
-class _Path(Protocol):
-    """A `Result`."""
-
-    @property
-    def contacts(self) -> ContactArrays: ...
-    @property
-    def shape(self) -> tuple[int, int]: ...
-    @property
-    def message(self) -> str: ...
-    @property
-    def remarks(self) -> Sequence[str]: ...
-    @property
-    def seconds(self) -> Mapping[str, float]: ...
-    @property
-    def stiffness_rtol(self) -> float | None: ...
-    def __len__(self) -> int: ...
-    def __getitem__(self, k: int, /) -> _Step: ...
-    def __iter__(self) -> Iterator[_Step]: ...
 
 
 def format_text(summary: Summary) -> str:
@@ -253,84 +186,4 @@ def summarise_problem(
     return f"ContactProblem: {title}", [
         *rows,
         *(("remark", remark) for remark in remarks),
-    ]
-
-
-def summarise_solution(solution: _Solved) -> Summary:
-    """Summary of a `Solution` or a `Step`."""
-    name, iterations = (
-        type(solution).__name__,
-        count_noun(solution.iterations, "iteration"),
-    )
-    # None: not computed yet.
-    unique = {
-        None: "not checked: see .unique",
-        "proved": "yes, proved",
-        "unknown": "unknown",
-        "others exist": "no",
-    }[solution.computed.unique]
-    if not solution.converged:
-        unique = "no solution, only the best point that was reached: see .message"
-    residual = f"{solution.residual:.2g}, limit {solution.tolerance:.2g}"
-    estimate = solution.computed.error_estimate
-    if estimate is not None:
-        residual += f"; forward error of r {estimate[0]:.1g}, of v {estimate[1]:.1g}"
-    contacts, d = solution.reaction.shape
-    how = "converged in" if solution.converged else f"{solution.outcome} after"
-    return f"{name}: {how} {iterations}", [
-        (
-            "contacts",
-            f"{describe_places(contacts, d)}: {describe_statuses(solution.status)}",
-        ),
-        ("forces", describe_forces(solution.reaction)),
-        ("residual", residual),
-        ("unique", unique),
-        (
-            "cost",
-            f"{solution.work:.4g} products with W, {format_seconds(solution.seconds)}",
-        ),
-    ]
-
-
-def _describe_sliding(result: _Path) -> str:
-    """Largest sliding distance, if it exceeds the distance between contacts."""
-    x = result.contacts.get("x")
-    if x is None or not len(x):
-        return ""
-    _, _, ratio = find_farthest(result, measure_distances(x), np.arange(len(x)))
-    text = f", contacts slid by up to {ratio:.2g} times their distance from each other"
-    return text if ratio > 1 else ""
-
-
-def summarise_result(result: _Path, surfaces: Sequence[Row] = ()) -> Summary:
-    """Summary of a `Result`; ``surfaces``: rows in place of the sum of all forces."""
-    title = f"Result: {result.message}"
-    times = ", ".join(f"{k} {format_seconds(v)}" for k, v in result.seconds.items())
-    if not len(result):
-        contacts, d = result.shape
-        return title, [("contacts", describe_places(contacts, d)), ("cost", times)]
-    last, frame = result[-1], result.contacts.get("frame")
-    if frame is not None:
-        frame = find_step_frames(last, frame)
-    worst = max(result, key=lambda step: step.residual)
-    contacts, d = last.reaction.shape
-    lost = sum(step.dissipation for step in result)
-    iterations = sum(step.iterations for step in result)
-    work = sum(step.work for step in result)
-    met = f"{describe_places(contacts, d)}, at the end {describe_statuses(last.status)}"
-    digits: list[Row] = []
-    if result.stiffness_rtol is not None:
-        digits = [("stiffness", f"relative error {result.stiffness_rtol:g}")]
-    forces = [("forces", f"at the end {describe_forces(last.reaction, frame)}")]
-    return title, [
-        ("contacts", met),
-        *(surfaces or forces),
-        ("path", f"friction dissipated {lost:.5g} in total{_describe_sliding(result)}"),
-        ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
-        (
-            "cost",
-            f"{count_noun(iterations, 'iteration')}, {work:.4g} products with W: {times}",
-        ),
-        *digits,
-        *(("remark", remark) for remark in result.remarks),
     ]
