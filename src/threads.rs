@@ -29,9 +29,6 @@ static CORES: OnceLock<usize> = OnceLock::new();
 ///
 /// An empty variable counts as missing, and so does 0 in `RAYON_NUM_THREADS`, the default of
 /// rayon.
-///
-/// # Errors
-/// [`Error::ThreadCount`] for what is not a number from 1 to [`MOST`].
 pub fn count(asked: Option<usize>) -> Result<usize, Error> {
     if let Some(number) = asked {
         return within("num_threads", &number.to_string());
@@ -61,9 +58,6 @@ fn within(what: &'static str, text: &str) -> Result<usize, Error> {
 }
 
 /// The pool of this process with `threads` workers, made on first use.
-///
-/// # Errors
-/// [`Error::Threads`] if the operating system does not start the threads.
 pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, Error> {
     let mut pools = POOLS.lock().ok_or(Error::Threads { threads })?;
     if let Some(entry) = pools.iter().find(|entry| entry.threads == threads) {

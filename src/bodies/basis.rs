@@ -53,9 +53,6 @@ impl RigidMotion {
 /// Rigid motions of nodes with `b` coordinates each, `b × m` by rows for each node: `b`
 /// translations, then the rotations in the planes xy, yz, zx; `m` = 3 for `b` = 2 and 6 for
 /// `b` = 3. The centre is that of the box around the nodes, the reach its largest side.
-///
-/// # Panics
-/// If `b` is neither 2 nor 3, or the coordinates are not `b` for each node.
 pub fn motions_of_nodes(coordinates: &[f64], b: usize) -> Vec<f64> {
     assert!(b == 2 || b == 3, "bodies are in the plane or in space");
     assert_eq!(coordinates.len() % b, 0);

@@ -32,9 +32,6 @@ pub struct Lu {
 impl Lu {
     /// Factors the matrix of order `n` with the rows `a`; `None` if a pivot is below the
     /// rounding of the largest entry.
-    ///
-    /// # Panics
-    /// If `a` has not `n²` entries.
     pub fn new(a: Vec<f64>, n: usize, stop: &AtomicBool) -> Result<Option<Self>, Error> {
         assert_eq!(a.len(), n * n);
         // A pivot is a sum of up to n terms as large as the largest entry.
@@ -68,9 +65,6 @@ impl Lu {
     }
 
     /// `b ← A⁻¹ b`.
-    ///
-    /// # Panics
-    /// If the length of `b` is not the order of the matrix.
     pub fn solve(&self, b: &mut [f64]) {
         assert_eq!(b.len(), self.n);
         // A = Uᵀ Lᵀ Pᵀ.
@@ -82,9 +76,6 @@ impl Lu {
     }
 
     /// `b ← A⁻ᵀ b`.
-    ///
-    /// # Panics
-    /// If the length of `b` is not the order of the matrix.
     pub fn solve_transposed(&self, b: &mut [f64]) {
         assert_eq!(b.len(), self.n);
         let mut exchanged: Vec<f64> = self.order.iter().map(|&row| b[row]).collect();

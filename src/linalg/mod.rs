@@ -2,6 +2,8 @@
 //!
 //! Its main function is the partial factorisation: it eliminates the interior of a symmetric
 //! matrix and stops at the kept unknowns. The remaining matrix is the Schur complement `S`.
+//!
+//! Lengths are checked at the border of the package: here a slice of a wrong length panics.
 
 pub mod amg;
 pub mod compensated;

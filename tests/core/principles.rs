@@ -5,8 +5,8 @@
 
 use std::borrow::Cow;
 
-use crate::common::cases::{Case, apart, compliance, difference, settings};
-use crate::common::{GO, with_threads};
+use crate::common::GO;
+use crate::common::cases::{Case, apart, difference, settings};
 use bipot_rs::error::Error;
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::frozen::Frozen;
@@ -25,7 +25,10 @@ use bipot_rs::solver::paper::principles::{
 use bipot_rs::solver::{Method, Outcome, Settings, Start, enumerate, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-const PRINCIPLES: [Method; 4] = [
+const PAPER: [Method; 7] = [
+    Method::ReturnMapping,
+    Method::PerturbedLagrangian,
+    Method::Pivoting,
     Method::DisplacementPrinciple,
     Method::AlternatingPrinciples,
     Method::StressPrinciple,
@@ -328,8 +331,11 @@ fn beyond_the_limits_no_wrong_point_is_a_solution() {
             let problem = plane.problem();
             let all = enumerate::answers(&problem, &GO).unwrap();
             assert!(all.complete);
-            for method in PRINCIPLES.into_iter().chain([Method::Pivoting]) {
-                let solution = plane.solve(method);
+            for method in PAPER {
+                let solution = plane.run(&Settings {
+                    max_iterations: 2000,
+                    ..settings(method, 1e-12)
+                });
                 if solution.outcome == Outcome::Converged {
                     let nearest = nearest(&all, &solution.reaction);
                     // η of 1e-12 and a condition that friction has made worse.
@@ -420,49 +426,5 @@ fn bodies_held_by_contact_alone_are_refused_by_name() {
             assert_eq!(error, Error::NotHeld { method: name });
             assert!(error.to_string().contains(name));
         }
-    }
-}
-
-#[test]
-fn bits_do_not_depend_on_threads() {
-    // 260 contacts in space are 780 rows, enough for the products to be shared.
-    let case = Case::<3>::of(compliance::<3>(260, 6), 260, 0.4, 6);
-    for method in PRINCIPLES {
-        let settings = Settings {
-            max_iterations: 12,
-            ..settings(method, 1e-10)
-        };
-        let run = |threads| with_threads(threads, || case.run(&settings));
-        let (one, two) = (run(1), run(2));
-        assert_eq!(one.reaction, two.reaction);
-        assert_eq!(one.history, two.history);
-    }
-}
-
-#[test]
-fn work_is_counted_and_pinned() {
-    let work = |method| -> f64 {
-        (0..6)
-            .map(|seed| {
-                let solution = Case::<3>::held(20, 0.3, seed).solve(method);
-                assert_eq!(solution.outcome, Outcome::Converged);
-                solution.work
-            })
-            .sum()
-    };
-    let measured = [
-        (Method::DisplacementPrinciple, 188.9),
-        (Method::AlternatingPrinciples, 476.0),
-        (Method::StressPrinciple, 262.6),
-        (Method::MinimisingSequence, 685.6),
-        (Method::Pivoting, 1397.7),
-    ];
-    for (method, before) in measured {
-        let now = work(method);
-        // A tenth more than was measured: a slower algorithm shows up.
-        assert!(
-            now <= 1.1 * before,
-            "{method:?}: {now} products, {before} before"
-        );
     }
 }

@@ -21,9 +21,6 @@ use faer::{Accum, MatMut, MatRef, Par};
 ///
 /// Returns the index of the first pivot that is not positive, if there is one; then `a` is
 /// invalid.
-///
-/// # Panics
-/// If `a` has not `n²` entries.
 pub fn cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<Option<usize>, Error> {
     /// Columns between two updates of the rest: an update reads all memory, the panel stays in
     /// the cache.

@@ -19,9 +19,6 @@ use crate::tasks::join;
 ///
 /// # Errors
 /// [`Error::Interrupted`] if `stop` is set; then `a` is invalid.
-///
-/// # Panics
-/// If `a` has not `n²` entries.
 pub fn invert_from_cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error> {
     assert_eq!(a.len(), n * n);
     invert_lower(a, n, stop)?;

@@ -321,9 +321,6 @@ impl<'a, I: Index> Symmetric<'a, I> {
 
     /// `y = K x` by rows (a row is read from its column), so that each sum has one order for
     /// any number of threads.
-    ///
-    /// # Panics
-    /// If `x` or `y` has not `n` entries.
     pub fn product(&self, x: &[f64], y: &mut [f64]) {
         /// Rows in one task: some ten microseconds.
         const ROWS: usize = 1024;

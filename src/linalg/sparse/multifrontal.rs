@@ -42,9 +42,6 @@ impl Schur {
     ///
     /// # Errors
     /// Those of [`Factor::new`]; then `loads` are unchanged.
-    ///
-    /// # Panics
-    /// If `loads` are not whole columns.
     pub fn new(
         symbolic: &Symbolic,
         k: &Symmetric,
@@ -68,11 +65,6 @@ impl Schur {
     /// S, `m × m`, in the order of the kept unknowns, bitwise symmetric.
     pub fn values(&self) -> &[f64] {
         &self.values
-    }
-
-    /// S, moved out.
-    pub fn into_values(self) -> Vec<f64> {
-        self.values
     }
 
     /// As [`Factor::weakest_pivot`].

@@ -14,9 +14,6 @@ impl Factor {
     /// Condenses `columns` loads of length `n`, consecutive in `f`: the eliminated entries
     /// become `L⁻¹ f_i`, the kept ones `f_c − K_ci K_ii⁻¹ f_i`. It runs in the current rayon
     /// pool, and the bits do not depend on its size.
-    ///
-    /// # Panics
-    /// If the length of `f` is not `n · columns`.
     pub fn condense(&self, f: &mut [f64], columns: usize) {
         let symbolic = &*self.symbolic;
         self.blocks(f, columns, |f, count| {
@@ -39,9 +36,6 @@ impl Factor {
     /// The inverse of [`Factor::condense`]: given its eliminated entries, with the kept ones
     /// replaced by the unknowns `u_c`, every entry becomes the unknown,
     /// `u_i = K_ii⁻¹ (f_i − K_ic u_c)`.
-    ///
-    /// # Panics
-    /// If the length of `x` is not `n · columns`.
     pub fn recover(&self, x: &mut [f64], columns: usize) {
         let symbolic = &*self.symbolic;
         self.blocks(x, columns, |x, count| {

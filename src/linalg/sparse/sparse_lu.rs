@@ -73,9 +73,6 @@ pub struct SparseLu<'s> {
 impl<'s> SparseLu<'s> {
     /// Factors a matrix of the analysed pattern; `None` if a pivot is below the rounding of the
     /// largest entry.
-    ///
-    /// # Panics
-    /// If the order of the matrix is not the analysed one.
     pub fn new<const D: usize>(
         analysis: &'s Analysis,
         matrix: &Blocks<D>,
@@ -152,9 +149,6 @@ impl<'s> SparseLu<'s> {
     }
 
     /// `b ← A⁻¹ b`.
-    ///
-    /// # Panics
-    /// If the length of `b` is not the order of the matrix.
     pub fn solve(&self, b: &mut [f64]) {
         assert_eq!(b.len(), self.analysis.order);
         let symbolic = &self.analysis.symbolic;
