@@ -215,7 +215,6 @@ type BodiesOutput<'py> = (
     NewIndices<'py>,
 );
 
-/// The bodies of K, their surfaces and their stiffness.
 #[pyfunction]
 #[pyo3(signature = (stiffness, places, by_node, num_threads=None))]
 pub(super) fn bodies<'py>(
@@ -254,7 +253,6 @@ fn bodies_in<'py, const D: usize>(
     ))
 }
 
-/// The diagonal of K.
 #[pyfunction]
 #[pyo3(signature = (stiffness, num_threads=None))]
 pub(super) fn diagonal<'py>(

@@ -14,8 +14,6 @@ use crate::error::Error;
 use crate::linalg::union::Union;
 use crate::python::arrays::{self, Csr, Indices, Matrix, NewIndices, NewMatrix};
 
-/// The direction of each degree of freedom at `places (n, 3)`: 0, 1, 2 for a displacement along
-/// x, y, z, 3, 4, 5 for a rotation about x, y, z, and -1 if the places do not tell.
 #[pyfunction]
 pub(super) fn dof_directions<'py>(
     py: Python<'py>,
@@ -35,9 +33,6 @@ pub(super) fn dof_directions<'py>(
     Ok(PyArray1::from_vec(py, numbers))
 }
 
-/// Rigid motions of degrees of freedom at `arm (n, 3)` from the centre, `(n, m)`: translations,
-/// then rotations over `reach`. Directions as in `dof_directions`; those that are not known
-/// give zeros.
 #[pyfunction]
 pub(super) fn rigid_motions<'py>(
     py: Python<'py>,
@@ -65,7 +60,6 @@ pub(super) fn rigid_motions<'py>(
     arrays::square(py, values, directions.len(), motions.len())
 }
 
-/// The body of each of `count` nodes, of which pairs are coupled; in the order of first nodes.
 #[pyfunction]
 pub(super) fn connected<'py>(
     py: Python<'py>,
@@ -89,9 +83,6 @@ pub(super) fn connected<'py>(
 /// Numbers of rows, their forces, and whether some are weak.
 type ResistingRows<'py> = (NewIndices<'py>, NewMatrix<'py>, bool);
 
-/// The rows of `K` among those `wanted` that resist rigid motions: their numbers, the forces
-/// relative to the terms of each row, `(rows, m)`, and whether some of them are neither rounding
-/// nor those of a spring. `motions (n, m)` are those at all columns of these rows.
 #[pyfunction]
 pub(super) fn resisting_rows<'py>(
     py: Python<'py>,
@@ -130,8 +121,6 @@ pub(super) fn resisting_rows<'py>(
     Ok((arrays::from_indices(py, numbers)?, forces, weak))
 }
 
-/// The amounts of the motions that none of the `rows (k, m)` tells, orthonormal rows. A row is
-/// what the motions move at a support, a spring or a contact, to an `accuracy`.
 #[pyfunction]
 #[pyo3(signature = (rows, accuracy=ACCURACY))]
 pub(super) fn free_motions<'py>(
@@ -149,8 +138,6 @@ pub(super) fn free_motions<'py>(
     arrays::square(py, free.concat(), count, motions)
 }
 
-/// Orthogonal combinations of motions whose values in the `rows (k, m)` are orthogonal too, as
-/// rows of amounts: the values of each are those of a singular vector.
 #[pyfunction]
 pub(super) fn combine_motions<'py>(py: Python<'py>, rows: Matrix<'py>) -> PyResult<NewMatrix<'py>> {
     let rows = rows.as_array();

@@ -238,8 +238,6 @@ impl PyContactPath {
         Ok(Self { progress })
     }
 
-    /// A step of `engine` from the unknowns `start` to the forces `force` and the prescribed
-    /// displacements. The state changes only if it converges.
     #[pyo3(signature = (engine, start, force, prescribed, gap, method, tol, max_iterations, max_seconds))]
     fn step<'py>(
         &mut self,

@@ -165,9 +165,6 @@ pub(super) struct PyContactVariables {
 
 #[pymethods]
 impl PyContactVariables {
-    /// `position` is the number of each place among the `fixed` prescribed degrees of freedom,
-    /// `fixed` itself for a free one; `blocks (nodes, d²)` the diagonal blocks of `K`; `bodies`
-    /// the body of each node, and `held` is not zero for a body with a support.
     #[new]
     fn new(
         contact: Csr<'_>,
@@ -205,25 +202,21 @@ impl PyContactVariables {
         Ok(Self { kind })
     }
 
-    /// The same contacts with another law, with one friction coefficient of each contact.
     fn with_law(&self, law: LawArrays<'_>) -> PyResult<Self> {
         let kind = map_either!(&self.kind, inner => inner.with_law(&law)?);
         Ok(Self { kind })
     }
 
-    /// Number of places.
     #[getter]
     fn places(&self) -> usize {
         for_either!(&self.kind, inner => inner.interface.free.len())
     }
 
-    /// Whether a contact joins nodes.
     #[getter]
     fn join(&self) -> bool {
         for_either!(&self.kind, inner => inner.interface.contacts.frames.join())
     }
 
-    /// Node of each contact with an unknown.
     #[getter]
     fn nodes<'py>(&self, py: Python<'py>) -> PyResult<NewIndices<'py>> {
         let nodes = for_either!(&self.kind, inner => {
@@ -250,7 +243,6 @@ impl PyContactVariables {
         PyArray1::from_vec(py, for_either!(&self.kind, inner => of(&inner.interface)))
     }
 
-    /// `T` by rows: row pointers, columns and values.
     fn transformation<'py>(
         &self,
         py: Python<'py>,
@@ -288,7 +280,6 @@ impl PyContactVariables {
         ))
     }
 
-    /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         for_either!(&self.kind, inner => {
@@ -296,7 +287,6 @@ impl PyContactVariables {
         })
     }
 
-    /// Relative displacements `B_f u_f` of prescribed ones, `(n_c, d)`.
     fn offsets<'py>(&self, py: Python<'py>, prescribed: Vector<'py>) -> PyResult<NewMatrix<'py>> {
         let prescribed = prescribed.as_slice()?;
         for_either!(&self.kind, inner => {
@@ -306,7 +296,6 @@ impl PyContactVariables {
         })
     }
 
-    /// Relative displacements `R y` of values by places, `(n_c, d)`.
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<NewMatrix<'py>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.places())?;
@@ -315,7 +304,6 @@ impl PyContactVariables {
         })
     }
 
-    /// `Rᵀ v` by places, of relative displacements `(n_c, d)`.
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<NewVector<'py>> {
         let y = for_either!(&self.kind, inner => {
             work(&inner.interface.contacts, &inner.factors(), &v, inner.interface.free.len())?
@@ -335,29 +323,24 @@ impl PyContactVariables {
         for_either!(&self.kind, inner => inner.change(&mut values, turn))
     }
 
-    /// `u = T y`, in place.
     fn to_displacements(&self, mut values: Changed<'_>) -> PyResult<()> {
         for_either!(&self.kind, inner => inner.change(&mut values, Frames::to_displacements))
     }
 
-    /// `y = T⁻¹ u`, in place.
     fn to_local(&self, mut values: Changed<'_>) -> PyResult<()> {
         for_either!(&self.kind, inner => inner.change(&mut values, Frames::to_local))
     }
 
-    /// `Tᵀ f`, in place.
     fn forces_to_local(&self, mut values: Changed<'_>) -> PyResult<()> {
         for_either!(&self.kind, inner => inner.change(&mut values, Frames::forces_to_local))
     }
 
-    /// `|T| |y|`, in place.
     fn terms_of_displacements(&self, mut values: Changed<'_>) -> PyResult<()> {
         for_either!(&self.kind, inner => {
             inner.change(&mut values, Frames::terms_of_displacements)
         })
     }
 
-    /// `|Tᵀ| f` for `f ≥ 0`, in place.
     fn terms_of_forces(&self, mut values: Changed<'_>) -> PyResult<()> {
         for_either!(&self.kind, inner => inner.change(&mut values, Frames::terms_of_forces))
     }
@@ -408,7 +391,6 @@ impl PyContactTangent {
 
 #[pymethods]
 impl PyContactTangent {
-    /// Places whose `dy` is known, or that have no unknown.
     #[getter]
     fn held<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         PyArray1::from_slice(
@@ -417,7 +399,6 @@ impl PyContactTangent {
         )
     }
 
-    /// `dy` at these places.
     #[getter]
     fn known<'py>(&self, py: Python<'py>) -> NewVector<'py> {
         PyArray1::from_slice(
@@ -426,7 +407,6 @@ impl PyContactTangent {
         )
     }
 
-    /// Sets the held places to zero.
     fn clear(&self, mut values: Changed<'_>) -> PyResult<()> {
         let values = values.as_slice_mut()?;
         arrays::length("values", values.len(), self.places())?;
@@ -434,7 +414,6 @@ impl PyContactTangent {
         Ok(())
     }
 
-    /// Adds to `A x` in `out` what the laws of sliding contacts add.
     fn add_laws(&self, x: Vector<'_>, mut out: Changed<'_>) -> PyResult<()> {
         let (x, out) = (x.as_slice()?, out.as_slice_mut()?);
         arrays::length("x", x.len(), self.places())?;
@@ -443,7 +422,6 @@ impl PyContactTangent {
         Ok(())
     }
 
-    /// Makes `u` of `z`, in place: `Jᵀ z = A u` and what `add_transposed` adds.
     fn pull(&self, mut z: Changed<'_>) -> PyResult<()> {
         let z = z.as_slice_mut()?;
         arrays::length("z", z.len(), self.places())?;
@@ -451,7 +429,6 @@ impl PyContactTangent {
         Ok(())
     }
 
-    /// Adds the springs of `Jᵀ z` to `A u` in `out`.
     fn add_transposed(&self, z: Vector<'_>, mut out: Changed<'_>) -> PyResult<()> {
         let (z, out) = (z.as_slice()?, out.as_slice_mut()?);
         arrays::length("z", z.len(), self.places())?;
@@ -460,7 +437,6 @@ impl PyContactTangent {
         Ok(())
     }
 
-    /// The right side, from `e = A y − f` and `A` times `known`.
     fn right_side<'py>(
         &self,
         py: Python<'py>,
@@ -474,7 +450,6 @@ impl PyContactTangent {
         Ok(arrays::from_vec(py, right))
     }
 
-    /// Nodes of sliding contacts, and the symmetric part of the spring of each, by rows.
     fn springs<'py>(&self, py: Python<'py>) -> PyResult<(NewIndices<'py>, NewMatrix<'py>)> {
         let (mut nodes, mut values) = (Vec::new(), Vec::<f64>::new());
         let columns = for_either!(&self.kind, tangent => {

@@ -51,7 +51,6 @@ impl PyStatics {
         Ok(Self { statics })
     }
 
-    /// Whether reactions balance the loads on the motions.
     #[pyo3(signature = (load, max_seconds=None))]
     fn decide(
         &self,
@@ -66,8 +65,6 @@ impl PyStatics {
         Ok(PyDecision::new(py, decision))
     }
 
-    /// The solution of rigid bodies without compliance and free displacement, in so many
-    /// dimensions.
     fn solve_at_rest(
         &self,
         py: Python<'_>,
@@ -95,7 +92,6 @@ impl PyStatics {
         }
     }
 
-    /// The residual of reactions with which nothing moves, as far as it is their imbalance.
     fn measure_imbalance(
         &self,
         py: Python<'_>,
@@ -110,14 +106,12 @@ impl PyStatics {
         })
     }
 
-    /// Whether reactions without loads may be added to balanced ones.
     fn has_self_stress(&self, reaction: Vector<'_>) -> PyResult<bool> {
         let reaction = reaction.as_slice()?;
         length("reaction", reaction.len(), self.statics.rows())?;
         Ok(self.statics.has_self_stress(reaction))
     }
 
-    /// The largest multiple of the live load that reactions can balance beside the dead one.
     fn find_limit(
         &self,
         py: Python<'_>,
@@ -159,7 +153,6 @@ pub(super) struct PyConeSet {
 
 #[pymethods]
 impl PyConeSet {
-    /// `h + G y` in cones with so many rows each, and `E y = f`: `G`, `h`, the sizes, `E`, `f`.
     #[new]
     fn new(
         rows: Csr<'_>,
@@ -189,8 +182,6 @@ impl PyConeSet {
         Ok(Self { set })
     }
 
-    /// The least `cost·y`, or a direction without one: `y`, whether it is a point, and the gap
-    /// to the bound from the multipliers.
     fn minimise<'py>(
         &self,
         py: Python<'py>,

@@ -4,7 +4,6 @@ use pyo3::prelude::*;
 
 use crate::linalg::pages;
 
-/// As [`pages::return_heap`].
 #[pyfunction]
 pub(super) fn return_heap() {
     pages::return_heap();

@@ -82,19 +82,16 @@ impl PyLinearisedLaws {
         }))
     }
 
-    /// The `Status` of each contact, whose preconditioner fits.
     #[getter]
     fn statuses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i8>> {
         for_either!(&self.kind, inner => arrays::from_status(py, &inner.laws.statuses))
     }
 
-    /// The tangent without right sides.
     #[getter]
     fn tangent(&self) -> PyContactTangent {
         for_either!(&self.kind, inner => inner.laws.tangent.clone().into())
     }
 
-    /// The tangent for right sides `s` of the laws and `g` of the places, and `s` multiplied.
     fn aim<'py>(
         &mut self,
         py: Python<'py>,
@@ -110,7 +107,6 @@ impl PyLinearisedLaws {
         })
     }
 
-    /// `dr` of the laws, from their multiplied right sides, `g`, `dy` and `A dy`.
     fn reactions<'py>(
         &self,
         py: Python<'py>,

@@ -186,8 +186,6 @@ impl PyPath {
         Ok(Self { progress })
     }
 
-    /// A step to the total loads, with the gaps of the problem unless others are given. The
-    /// state changes only if the step converges.
     #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds))]
     fn step(
         &mut self,
@@ -222,8 +220,6 @@ fn own<const D: usize>(_: &Progress<D>, steps: &[StepArrays<'_>]) -> PyResult<Ve
     steps.iter().map(step).collect()
 }
 
-/// Runs several paths in parallel. Returns the steps of each, of which the last may not have
-/// converged, and the exception that ended it.
 #[pyfunction]
 #[expect(
     clippy::type_complexity,

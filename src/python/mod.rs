@@ -1,4 +1,5 @@
-//! The extension module `bipot_rs._core`: registration only.
+//! The extension module `bipot_rs._core`: registration only. `_core.pyi` says what a class and a
+//! function do and take; here stands what it does not say.
 
 #![expect(
     clippy::needless_pass_by_value,

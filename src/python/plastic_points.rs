@@ -15,8 +15,6 @@ const POINTS_A_TASK: usize = 1024;
 /// Stress, flow, and derivatives by row.
 type Responses<'py> = (NewMatrix<'py>, NewMatrix<'py>, NewMatrix<'py>);
 
-/// Stress `(m, d)`, flow `(m, d)` and derivative `(m, d²)` of points with the stresses `tau`
-/// without flow. A row of `points` has ρ_n, ρ_t, μ, c, β, and H with the slip before.
 #[pyfunction]
 pub(super) fn respond_points<'py>(
     py: Python<'py>,

@@ -129,7 +129,6 @@ impl<const D: usize> PrimalArrays<D> {
 
 #[pymethods]
 impl PyPrimal {
-    /// The arguments of `Condensed`, and whether nodes are copies on springs.
     #[new]
     #[pyo3(signature = (stiffness, contact, gap, law, fixed, num_threads, places=None, has_copies=false))]
     fn new<'py>(
@@ -166,7 +165,6 @@ impl PyPrimal {
         Ok(Self { kind })
     }
 
-    /// The same bodies and contacts with other laws.
     fn with_law(&self, law: LawArrays<'_>) -> PyResult<Self> {
         let kind = map_either!(&self.kind, problem => problem.with_law(&law)?);
         Ok(Self { kind })
@@ -182,7 +180,6 @@ impl PyPrimal {
         Ok(Some(Self { kind }))
     }
 
-    /// Bytes of `K` in blocks, and a forecast of the bytes of all else.
     #[getter]
     fn bytes(&self) -> (usize, usize) {
         for_either!(&self.kind, problem => problem.problem.bytes())

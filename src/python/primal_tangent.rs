@@ -41,7 +41,6 @@ impl PyPrimalTangent {
         }
     }
 
-    /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         let own = for_either!(&self.kind, inner => {
@@ -50,19 +49,16 @@ impl PyPrimalTangent {
         self.square(py, own)
     }
 
-    /// Number of unknowns.
     #[getter]
     fn order(&self) -> usize {
         for_either!(&self.kind, inner => inner.problem.order())
     }
 
-    /// `K`, by rows, without the entries between prescribed degrees of freedom.
     fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<CsrOutput<'py>> {
         let matrix = for_either!(&self.kind, inner => inner.problem.stiffness_by_rows());
         arrays::from_csr(py, matrix)
     }
 
-    /// The relative displacements of prescribed ones, and the forces on the unknowns.
     fn free_part<'py>(
         &self,
         py: Python<'py>,
@@ -78,7 +74,6 @@ impl PyPrimalTangent {
         Ok((q, arrays::from_vec(py, e)))
     }
 
-    /// Relative displacements `R y` of unknowns.
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<NewMatrix<'py>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.order())?;
@@ -86,7 +81,6 @@ impl PyPrimalTangent {
         self.square(py, v)
     }
 
-    /// `Rᵀ v` of relative displacements.
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<NewVector<'py>> {
         let y = for_either!(&self.kind, inner => {
             work(&inner.problem.contacts, &self.factors, &v, inner.problem.order())?
@@ -94,7 +88,6 @@ impl PyPrimalTangent {
         Ok(arrays::from_vec(py, y))
     }
 
-    /// Displacements of unknowns and prescribed displacements.
     fn displacement<'py>(
         &self,
         py: Python<'py>,
@@ -107,8 +100,6 @@ impl PyPrimalTangent {
         Ok(arrays::from_vec(py, u))
     }
 
-    /// Solves the system of some contacts for a right side: their rows, then those of the
-    /// unknowns. Nothing if the linear solver does not converge.
     fn solve<'py>(
         &self,
         py: Python<'py>,

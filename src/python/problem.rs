@@ -113,7 +113,6 @@ impl PyCondensed {
         Ok(Self { kind })
     }
 
-    /// `W`, dense.
     fn compliance<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         let (dense, n) = for_either!(&self.kind, problem => {
             let n = problem.components();
@@ -140,7 +139,6 @@ impl PyCondensed {
         Ok(blocks.map(|(start, column, values)| (start, column, arrays::from_vec(py, values))))
     }
 
-    /// `q` with the whole gap, the columns of `R` as rows, and `e`.
     fn free_part<'py>(
         &self,
         py: Python<'py>,
@@ -160,7 +158,6 @@ impl PyCondensed {
         })
     }
 
-    /// Row pointers, columns and values of the part of `K` that results depend on.
     fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<CsrOutput<'py>> {
         let matrix = for_either!(&self.kind, problem => {
             problem.run(py, |_| Ok(problem.problem.bodies().stiffness()))?
@@ -168,7 +165,6 @@ impl PyCondensed {
         arrays::from_csr(py, matrix)
     }
 
-    /// Each rigid motion at the contacts, as a row.
     fn modes<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         for_either!(&self.kind, problem => {
             let modes = problem.run(py, |_| problem.problem.modes())?;
@@ -176,7 +172,6 @@ impl PyCondensed {
         })
     }
 
-    /// Makes the inverse of `W`, if it exists, before a step needs it.
     fn make_inverse(&self, py: Python<'_>) -> PyResult<()> {
         for_either!(&self.kind, problem => match &*problem.problem {
             Problem::Whole(whole) => {
@@ -186,9 +181,6 @@ impl PyCondensed {
         })
     }
 
-    /// `u` of all degrees of freedom, one row for each state of total loads, reaction and rigid
-    /// motion. `confirmed` has for each state `v`, the gap, and the change of the tangential
-    /// parts of `v` in the step; `B u + gap` is compared with these.
     #[pyo3(signature = (states, confirmed=None))]
     fn displacements<'py>(
         &self,
@@ -201,7 +193,6 @@ impl PyCondensed {
         })
     }
 
-    /// The same bodies and contacts with other laws.
     fn with_law(&self, law: LawArrays<'_>) -> PyResult<Self> {
         let kind = map_either!(&self.kind, problem => problem.with_law(&law)?);
         Ok(Self { kind })
@@ -213,7 +204,6 @@ impl PyCondensed {
         Ok(Self { kind })
     }
 
-    /// The same bodies and contacts with `Q B` and `Q g`; `rotation` has the rows of all `Q`.
     fn rotated(&self, py: Python<'_>, rotation: Matrix<'_>) -> PyResult<Self> {
         let kind = map_either!(&self.kind, problem => {
             let rotation = Rotation::new(arrays::rows(&rotation)?, problem.elliptic.as_ref());
@@ -222,14 +212,11 @@ impl PyCondensed {
         Ok(Self { kind })
     }
 
-    /// Counts and seconds of the condensation.
     #[getter]
     fn stats(&self) -> PyStats {
         for_either!(&self.kind, problem => PyStats::from(&*problem.problem))
     }
 
-    /// What one solution of a step implies for the number of its solutions, from the total
-    /// loads and the total relative displacement after the step before.
     #[pyo3(signature = (load, prescribed, before, reaction))]
     fn assess(
         &self,
@@ -248,7 +235,6 @@ impl PyCondensed {
         Ok(unique?.name())
     }
 
-    /// Relative forward errors of a step, with `K` itself.
     fn forward_errors(
         &self,
         py: Python<'_>,
@@ -267,8 +253,6 @@ impl PyCondensed {
         })
     }
 
-    /// The bound of a step, whose total relative displacement is `reported`. `None` with a
-    /// working set.
     fn error_bound(
         &self,
         py: Python<'_>,

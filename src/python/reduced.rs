@@ -41,7 +41,6 @@ impl PyReduced {
         Ok(Self { kind })
     }
 
-    /// Largest `|W_ij − W_ji|` over the largest entry.
     #[getter]
     fn asymmetry(&self, py: Python<'_>) -> PyResult<f64> {
         for_either!(&self.kind, problem => {
@@ -49,7 +48,6 @@ impl PyReduced {
         })
     }
 
-    /// η at `(r, a)`; without `a`, at the rigid motion of least squares.
     #[pyo3(signature = (reaction, rigid=None))]
     fn residual(
         &self,
@@ -61,7 +59,6 @@ impl PyReduced {
         for_either!(&self.kind, problem => problem.residual(py, &reaction, rigid))
     }
 
-    /// Whether amounts of normal displacements prove that contacts contradict each other.
     fn is_contradiction(&self, py: Python<'_>, amounts: Vector<'_>) -> PyResult<bool> {
         let amounts = amounts.as_slice()?;
         for_either!(&self.kind, problem => {
@@ -71,7 +68,6 @@ impl PyReduced {
         })
     }
 
-    /// Whether normal reactions balance the loads; `None` if they are too large to count.
     fn balances(&self, py: Python<'_>, pressure: Vector<'_>) -> PyResult<Option<bool>> {
         let pressure = pressure.as_slice()?;
         for_either!(&self.kind, problem => {
@@ -103,7 +99,6 @@ impl PyReduced {
         })
     }
 
-    /// All solutions of a small plane problem, found by trying all statuses.
     fn answers(&self, py: Python<'_>) -> PyResult<Option<Answers>> {
         match &self.kind {
             Dimension::Plane(problem) => problem.answers(py),
@@ -111,7 +106,6 @@ impl PyReduced {
         }
     }
 
-    /// What one solution implies for the number of solutions.
     #[pyo3(signature = (reaction, num_threads=None))]
     fn assess(
         &self,
@@ -130,8 +124,6 @@ impl PyReduced {
         Ok(unique?.name())
     }
 
-    /// Relative forward errors of the reaction and of the relative displacement, from one
-    /// further Newton correction.
     #[pyo3(signature = (reaction, rigid, num_threads=None))]
     fn forward_errors(
         &self,
@@ -150,8 +142,6 @@ impl PyReduced {
         })
     }
 
-    /// Bounds at several points of one problem; their reactions are stacked. `reported` are the
-    /// reported relative displacements of these points.
     #[pyo3(signature = (reactions, points, rigid, reported=None, num_threads=None))]
     fn error_bounds(
         &self,
@@ -171,7 +161,6 @@ impl PyReduced {
         for_either!(&self.kind, problem => bound::of_reduced(problem, py, &points, num_threads))
     }
 
-    /// The system of some contacts; nothing if it is singular.
     fn tangent(
         &self,
         py: Python<'_>,

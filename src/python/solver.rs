@@ -18,13 +18,11 @@ const NODES_A_TASK: usize = 4096;
 
 type Projected<'py> = (NewMatrix<'py>, Bound<'py, PyArray1<i8>>);
 
-/// The default number of threads.
 #[pyfunction]
 pub(super) fn threads() -> PyResult<usize> {
     Ok(crate::threads::count(None)?)
 }
 
-/// Projects every row of `tau` onto its cone, or increment set when `base` is given.
 #[pyfunction]
 #[pyo3(signature = (tau, law, base=None))]
 pub(super) fn project<'py>(
@@ -45,8 +43,6 @@ pub(super) fn project<'py>(
 
 type Isotropic<'py> = (NewMatrix<'py>, NewVector<'py>);
 
-/// Factors `(n_c, d)` of the components in which the friction law is Coulomb's, and its
-/// coefficients.
 #[pyfunction]
 pub(super) fn isotropic<'py>(
     py: Python<'py>,
@@ -127,7 +123,6 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
     Ok((arrays::from_rows(py, &out)?, PyArray1::from_vec(py, status)))
 }
 
-/// Refuses settings that are out of range, as each solve does.
 #[pyfunction]
 pub(super) fn check_settings(
     method: &str,
@@ -163,7 +158,6 @@ pub(super) fn settings(
     Ok(settings)
 }
 
-/// Whether an island with this many blocks and contacts is stored as a sparse matrix.
 #[pyfunction]
 pub(super) fn is_sparse(blocks: usize, contacts: usize) -> bool {
     compliance::is_sparse(blocks, contacts)

@@ -56,7 +56,6 @@ fn close<const D: usize>(
 
 #[pymethods]
 impl PyTangentView {
-    /// `contacts` are those that `W` is needed of.
     #[new]
     fn new(py: Python<'_>, problem: &PyCondensed, contacts: Indices<'_>) -> PyResult<Self> {
         let contacts = arrays::indices(&contacts, "contacts")?;
@@ -71,13 +70,11 @@ impl PyTangentView {
         })
     }
 
-    /// Numbers of the contacts that `W` is known of, ascending.
     #[getter]
     fn members<'py>(&self, py: Python<'py>) -> PyResult<NewIndices<'py>> {
         arrays::from_indices(py, for_either!(&self.kind, view => view.members.clone()))
     }
 
-    /// The diagonal of `W` of the members.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         fn of<const D: usize>(view: &View<D>) -> (Vec<f64>, usize) {
@@ -93,7 +90,6 @@ impl PyTangentView {
         arrays::of_contacts(py, own.map(|(w, t)| w / (t * t)).collect(), d)
     }
 
-    /// Each rigid motion at the members, as a row.
     #[getter]
     fn modes<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         let modes = for_either!(&self.kind, view => {
@@ -104,7 +100,6 @@ impl PyTangentView {
         arrays::square(py, own.collect(), modes.len(), self.factors.len())
     }
 
-    /// `q` of the members without gaps, and `e`.
     fn free_part<'py>(
         &self,
         py: Python<'py>,
@@ -122,7 +117,6 @@ impl PyTangentView {
         Ok((arrays::of_contacts(py, q, d)?, arrays::from_vec(py, e)))
     }
 
-    /// `W r + R a` of the members.
     fn product<'py>(
         &self,
         py: Python<'py>,
@@ -156,7 +150,6 @@ impl PyTangentView {
         arrays::of_contacts(py, v, d)
     }
 
-    /// `u` of loads, prescribed displacements, reactions of the members and rigid motions.
     fn displacements<'py>(
         &self,
         py: Python<'py>,
@@ -193,8 +186,6 @@ impl PyTangentView {
         arrays::square(py, u, states.len(), n)
     }
 
-    /// Factors the system of some members; nothing if it is singular. `by_r` and `by_v` have
-    /// `d` rows for each of them.
     fn system(
         &self,
         py: Python<'_>,
@@ -274,7 +265,6 @@ pub(super) struct PyTangentSystem {
 
 #[pymethods]
 impl PyTangentSystem {
-    /// `dr` of the contacts and `da`, a row for each right side.
     fn solve<'py>(&self, py: Python<'py>, right: Matrix<'py>) -> PyResult<NewMatrix<'py>> {
         self.each(py, &right, |x| {
             self.system.solve(x);
@@ -284,7 +274,6 @@ impl PyTangentSystem {
         })
     }
 
-    /// The same with the transposed matrix.
     fn solve_transposed<'py>(
         &self,
         py: Python<'py>,
@@ -298,7 +287,6 @@ impl PyTangentSystem {
         })
     }
 
-    /// Estimate of the reciprocal condition, independent of units.
     #[getter]
     fn reciprocal_condition(&self) -> f64 {
         self.system.reciprocal_condition()
