@@ -130,124 +130,202 @@ impl Grid {
 
     /// The elements of one cell: places of their nodes, and their stiffness by rows.
     fn elements(self) -> Vec<(Vec<[usize; 3]>, Vec<f64>)> {
-        match self.cell {
-            Cell::Brick => vec![self.brick()],
-            Cell::Simplex => self.simplices(),
-        }
+        let (d, order) = (self.dim, self.order);
+        let (reference, elements) = match self.cell {
+            Cell::Brick => (boxes(d, order), vec![grid_points(d, order)]),
+            Cell::Simplex => (simplices(d, 1), kuhn(d)),
+        };
+        let place = |node: &[usize; 3]| {
+            std::array::from_fn(|k| node[k] as f64 * self.sides[k] / order as f64)
+        };
+        let stiffness = |nodes: Vec<[usize; 3]>| {
+            let at: Vec<[f64; 3]> = nodes.iter().map(place).collect();
+            let stiffness = cell_stiffness(&reference, &at, d, self.poisson);
+            (nodes, stiffness)
+        };
+        elements.into_iter().map(stiffness).collect()
     }
+}
 
-    fn brick(self) -> (Vec<[usize; 3]>, Vec<f64>) {
-        let (d, p) = (self.dim, self.order);
-        let n = (p + 1).pow(u32::try_from(d).unwrap());
-        let index = |mut a: usize| {
-            let mut x = [0; 3];
-            for x in &mut x[..d] {
-                *x = a % (p + 1);
-                a /= p + 1;
-            }
-            x
-        };
-        // Three Gauss points are exact for both orders.
-        let gauss = [
-            (0.5 - 0.5 * 0.6_f64.sqrt(), 5.0 / 18.0),
-            (0.5, 8.0 / 18.0),
-            (0.5 + 0.5 * 0.6_f64.sqrt(), 5.0 / 18.0),
-        ];
-        let shape = |a: usize, x: f64| -> (f64, f64) {
-            let knots: Vec<f64> = (0..=p).map(|k| k as f64 / p as f64).collect();
-            let (mut value, mut slope) = (1.0, 0.0);
-            for (k, knot) in knots.iter().enumerate().filter(|(k, _)| *k != a) {
-                let _ = k;
-                let width = knots[a] - knot;
-                slope = slope * (x - knot) / width + value / width;
-                value *= (x - knot) / width;
-            }
-            (value, slope)
-        };
-        let mut stiffness = vec![0.0; (n * d) * (n * d)];
-        for point in 0..3_usize.pow(u32::try_from(d).unwrap()) {
-            let places = [point % 3, point / 3 % 3, point / 9];
-            let mut weight = 1.0;
-            for k in 0..d {
-                weight *= gauss[places[k]].1 * self.sides[k];
-            }
-            let gradients: Vec<[f64; 3]> = (0..n)
-                .map(|a| {
-                    let at = index(a);
-                    let mut gradient = [0.0; 3];
-                    for (along, g) in gradient[..d].iter_mut().enumerate() {
-                        *g = 1.0 / self.sides[along];
-                        for k in 0..d {
-                            let (value, slope) = shape(at[k], gauss[places[k]].0);
-                            *g *= if k == along { slope } else { value };
-                        }
-                    }
-                    gradient
-                })
-                .collect();
-            self.add(&gradients, weight, &mut stiffness);
+/// Gradients of the shape functions in the reference cell.
+pub(crate) struct Reference {
+    weights: Vec<f64>,
+    /// By point, by node.
+    gradients: Vec<Vec<[f64; 3]>>,
+}
+
+/// Corners of the simplices of a unit square or cube, from one of its corners to the opposite one
+/// edge by edge; right-handed.
+pub(crate) fn kuhn(d: usize) -> Vec<Vec<[usize; 3]>> {
+    const PATHS: [[usize; 3]; 6] = [
+        [0, 1, 2],
+        [0, 2, 1],
+        [1, 0, 2],
+        [1, 2, 0],
+        [2, 0, 1],
+        [2, 1, 0],
+    ];
+    let plane = |path: &&[usize; 3]| d == 3 || path[2] == 2;
+    let corners = |path: &[usize; 3]| {
+        let mut corners = vec![[0; 3]; d + 1];
+        for (k, &axis) in path[..d].iter().enumerate() {
+            corners[k + 1..].iter_mut().for_each(|c| c[axis] += 1);
         }
-        ((0..n).map(index).collect(), stiffness)
-    }
+        if (path[0] + 1) % 3 != path[1] {
+            corners.swap(0, 1);
+        }
+        corners
+    };
+    PATHS.iter().filter(plane).map(corners).collect()
+}
 
-    fn simplices(self) -> Vec<(Vec<[usize; 3]>, Vec<f64>)> {
-        let d = self.dim;
-        let orders: &[&[usize]] = if d == 2 {
-            &[&[0, 1], &[1, 0]]
-        } else {
-            &[
-                &[0, 1, 2],
-                &[0, 2, 1],
-                &[1, 0, 2],
-                &[1, 2, 0],
-                &[2, 0, 1],
-                &[2, 1, 0],
-            ]
+/// The edges of a tetrahedron, by its corners.
+pub(crate) const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
+pub(crate) fn grid_points(d: usize, order: usize) -> Vec<[usize; 3]> {
+    let side = order + 1;
+    let last = |k: usize| if k < d { side } else { 1 };
+    let count = last(0) * last(1) * last(2);
+    (0..count)
+        .map(|v| [v % side, v / side % last(1), v / side / last(1)])
+        .collect()
+}
+
+/// Gauss' rule of `order + 1` points a direction.
+pub(crate) fn boxes(d: usize, order: usize) -> Reference {
+    let rule: &[(f64, f64)] = if order == 1 {
+        &[
+            (-0.577_350_269_189_625_8, 1.0),
+            (0.577_350_269_189_625_8, 1.0),
+        ]
+    } else {
+        &[
+            (-0.774_596_669_241_483_4, 5.0 / 9.0),
+            (0.0, 8.0 / 9.0),
+            (0.774_596_669_241_483_4, 5.0 / 9.0),
+        ]
+    };
+    // Lagrange's polynomial of node `a` at `x`, and its slope, nodes from 0 to order.
+    let value = |a: usize, x: f64| -> f64 {
+        (0..=order)
+            .filter(|&b| b != a)
+            .map(|b| (x - b as f64) / (a as f64 - b as f64))
+            .product()
+    };
+    let slope = |a: usize, x: f64| -> f64 {
+        let without = |b: usize| -> f64 {
+            let rest = (0..=order).filter(|&c| c != a && c != b);
+            let product: f64 = rest
+                .map(|c| (x - c as f64) / (a as f64 - c as f64))
+                .product();
+            product / (a as f64 - b as f64)
         };
-        let volume = self.sides[..d].iter().product::<f64>() / orders.len() as f64;
-        orders
-            .iter()
-            .map(|axes| {
-                // Kuhn's simplex: one axis after another, from corner 0 to the opposite one.
-                let mut corners = vec![[0; 3]];
-                for &axis in *axes {
-                    let mut next = corners[corners.len() - 1];
-                    next[axis] = 1;
-                    corners.push(next);
-                }
-                // x_axis[k] is the sum of the barycentric coordinates after k.
-                let mut gradients = vec![[0.0; 3]; d + 1];
-                for (k, &axis) in axes.iter().enumerate() {
-                    gradients[k][axis] -= 1.0 / self.sides[axis];
-                    gradients[k + 1][axis] += 1.0 / self.sides[axis];
-                }
-                let mut stiffness = vec![0.0; ((d + 1) * d).pow(2)];
-                self.add(&gradients, volume, &mut stiffness);
-                (corners, stiffness)
+        (0..=order).filter(|&b| b != a).map(without).sum()
+    };
+    let half = 0.5 * order as f64;
+    let points = grid_points(d, order);
+    let mut made = Reference {
+        weights: Vec::new(),
+        gradients: Vec::new(),
+    };
+    for point in &points {
+        let x = point.map(|i| half * (1.0 + rule[i].0));
+        let weight = (0..d).map(|k| half * rule[point[k]].1).product();
+        made.weights.push(weight);
+        let gradient = |node: &[usize; 3]| -> [f64; 3] {
+            std::array::from_fn(|k| {
+                let factor = |l: usize| match (l == k, l < d) {
+                    (true, true) => slope(node[l], x[l]),
+                    (true, false) => 0.0,
+                    (false, true) => value(node[l], x[l]),
+                    (false, false) => 1.0,
+                };
+                factor(0) * factor(1) * factor(2)
             })
-            .collect()
+        };
+        made.gradients.push(points.iter().map(gradient).collect());
     }
+    made
+}
 
-    /// Adds one integration point, exactly symmetric.
-    fn add(self, gradients: &[[f64; 3]], weight: f64, stiffness: &mut [f64]) {
-        let (d, n) = (self.dim, gradients.len());
-        let lambda = self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson));
-        let mu = 0.5 / (1.0 + self.poisson);
-        for a in 0..n {
-            for b in 0..n {
-                let (p, q) = (gradients[a], gradients[b]);
-                let dots: f64 = (0..d).map(|k| p[k] * q[k]).sum();
-                for i in 0..d {
-                    for j in 0..d {
-                        let (first, second) = (lambda * (p[i] * q[j]), mu * (p[j] * q[i]));
-                        let shear = if i == j { mu * dots } else { 0.0 };
-                        stiffness[(a * d + i) * n * d + b * d + j] +=
-                            weight * (first + second + shear);
-                    }
+/// Tetrahedra, and triangles of the first order.
+pub(crate) fn simplices(d: usize, order: usize) -> Reference {
+    const FLAT: [[f64; 3]; 4] = [
+        [-1.0, -1.0, -1.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+    ];
+    if d == 2 {
+        let gradients = vec![vec![[-1.0, -1.0, 0.0], FLAT[1], FLAT[2]]];
+        let weights = vec![0.5];
+        return Reference { weights, gradients };
+    }
+    if order == 1 {
+        return Reference {
+            weights: vec![1.0 / 6.0],
+            gradients: vec![FLAT.to_vec()],
+        };
+    }
+    // Four points integrate quadratics, which products of gradients are.
+    let (near, far) = (0.585_410_196_624_968_5, 0.138_196_601_125_010_5);
+    let at_point = |point: usize| {
+        let l: [f64; 4] = std::array::from_fn(|i| if i == point { near } else { far });
+        let corner = |i: usize| FLAT[i].map(|g| (4.0 * l[i] - 1.0) * g);
+        let edge = |[i, j]: [usize; 2]| {
+            std::array::from_fn(|k| 4.0 * (l[i] * FLAT[j][k] + l[j] * FLAT[i][k]))
+        };
+        (0..4).map(corner).chain(EDGES.map(edge)).collect()
+    };
+    Reference {
+        weights: vec![1.0 / 24.0; 4],
+        gradients: (0..4).map(at_point).collect(),
+    }
+}
+
+/// Stiffness by rows of a cell with Young's modulus 1 whose map is given by its nodes; exactly
+/// symmetric.
+pub(crate) fn cell_stiffness(
+    reference: &Reference,
+    at: &[[f64; 3]],
+    d: usize,
+    poisson: f64,
+) -> Vec<f64> {
+    let lambda = poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
+    let mu = 0.5 / (1.0 + poisson);
+    let size = d * at.len();
+    let mut element = vec![0.0; size * size];
+    for (weight, flat) in reference.weights.iter().zip(&reference.gradients) {
+        // ∂x_k/∂ξ_l; in the plane the third direction stays as it is.
+        let mut map = nalgebra::Matrix3::identity();
+        for k in 0..d {
+            for l in 0..d {
+                map[(k, l)] = at.iter().zip(flat).map(|(x, g)| x[k] * g[l]).sum();
+            }
+        }
+        let volume: f64 = map.determinant();
+        assert!(volume > 0.0, "a cell is turned over");
+        let back = map.transpose().try_inverse().unwrap();
+        let gradients: Vec<[f64; 3]> = flat
+            .iter()
+            .map(|&g| (back * nalgebra::Vector3::from(g)).into())
+            .collect();
+        for (p, row) in element.chunks_exact_mut(size).enumerate() {
+            let (ga, i) = (gradients[p / d], p % d);
+            for (q, value) in row.iter_mut().enumerate().take(p + 1) {
+                let (gb, j) = (gradients[q / d], q % d);
+                let mut energy = lambda * ga[i] * gb[j] + mu * ga[j] * gb[i];
+                if i == j {
+                    energy += mu * (0..d).map(|k| ga[k] * gb[k]).sum::<f64>();
                 }
+                *value += weight * volume * energy;
             }
         }
     }
+    for p in 0..size {
+        (0..p).for_each(|q| element[q * size + p] = element[p * size + q]);
+    }
+    element
 }
 
 /// A stiffness matrix by columns.

@@ -21,6 +21,7 @@ use rand::{RngExt, SeedableRng};
 
 use crate::common::elasticity::Grid;
 use crate::common::{GO, with_threads};
+use crate::precision::matrices::{Entries, shuffle};
 
 /// Linear triangles of a square of `n` × `n` cells, each cut in two; nodes are renumbered at
 /// random, so that neighbours are far apart. `moved` is the distance by which nodes are moved,
@@ -35,9 +36,7 @@ impl Mesh {
         let mut random = StdRng::seed_from_u64(5);
         let nodes = (n + 1) * (n + 1);
         let mut number: Vec<usize> = (0..nodes).collect();
-        for i in (1..nodes).rev() {
-            number.swap(i, random.random_range(0..=i));
-        }
+        shuffle(&mut number, &mut random);
         let mut points = vec![0.0; 2 * nodes];
         for x in 0..=n {
             for y in 0..=n {
@@ -349,60 +348,34 @@ fn k_shows_bodies_their_surfaces_and_their_moduli() {
 fn any_number_of_threads_finds_the_same_bodies() {
     let (chains, length) = (7, 3000);
     let nodes = chains * length;
-    let mut random = StdRng::seed_from_u64(8);
     let mut number: Vec<usize> = (0..nodes).collect();
-    for i in (1..nodes).rev() {
-        number.swap(i, random.random_range(0..=i));
-    }
-    let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); 2 * nodes];
-    let mut chain = vec![0; nodes];
+    shuffle(&mut number, &mut StdRng::seed_from_u64(8));
+    let (mut entries, mut chain) = (Entries::default(), vec![0; nodes]);
     for k in 0..nodes {
         chain[number[k]] = k / length;
-        let neighbours = [k.checked_sub(1), Some(k + 1)];
-        for other in neighbours.into_iter().flatten() {
-            if other < nodes && other / length == k / length {
-                for a in 0..2 {
-                    rows[2 * number[k] + a].push((2 * number[other] + a, -1.0));
-                    rows[2 * number[k] + a].push((2 * number[k] + a, 1.0));
-                }
-            }
+        if k % length > 0 {
+            let (p, q) = (2 * number[k - 1], 2 * number[k]);
+            (0..2).for_each(|a| entries.spring(p + a, q + a, 1.0));
         }
     }
-    let (mut pointer, mut index, mut values) = (vec![0], Vec::new(), Vec::new());
-    let mut stiffness = Vec::new();
-    for (i, row) in rows.iter_mut().enumerate() {
-        row.sort_unstable_by_key(|&(j, _)| j);
-        row.dedup_by(|next, kept| {
-            let same = next.0 == kept.0;
-            kept.1 += if same { next.1 } else { 0.0 };
-            same
-        });
-        index.extend(row.iter().map(|&(j, _)| j as i64));
-        values.extend(row.iter().map(|&(_, value)| value));
-        stiffness.extend(
-            row.iter()
-                .filter(|&&(j, _)| j == i)
-                .map(|&(_, value)| value),
-        );
-        pointer.push(index.len() as i64);
-    }
+    let matrix = entries.matrix(2 * nodes);
+    let stiffness = matrix.view().diagonal();
     let k = Rows {
-        pointer: &pointer[..],
-        index: &index,
-        values: &values,
+        pointer: &matrix.col_ptr[..],
+        index: &matrix.row_idx,
+        values: &matrix.values,
         by_node: true,
     };
     let places = vec![[0.0; 2]; 2 * nodes];
-    let mut first = vec![usize::MAX; chains];
-    let mut count = 0;
+    let mut order: Vec<usize> = Vec::new();
     let expected: Vec<i64> = (0..2 * nodes)
         .map(|dof| {
-            let place = &mut first[chain[dof / 2]];
-            if *place == usize::MAX {
-                *place = count;
-                count += 1;
-            }
-            *place as i64
+            let own = chain[dof / 2];
+            let place = order.iter().position(|&other| other == own);
+            place.unwrap_or_else(|| {
+                order.push(own);
+                order.len() - 1
+            }) as i64
         })
         .collect();
     for workers in [1, 2, 5] {

@@ -14,7 +14,7 @@ use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::newton::newton::{Near, run_near};
 use bipot_rs::solver::paper::multipliers::{LAGRANGIAN, RETURN, regularise};
-use bipot_rs::solver::{Method, Outcome, Settings, certify};
+use bipot_rs::solver::{Method, Outcome, certify};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const BOTH: [Method; 2] = [Method::ReturnMapping, Method::PerturbedLagrangian];

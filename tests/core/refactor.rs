@@ -2,7 +2,6 @@
 #![expect(
     clippy::unwrap_used,
     clippy::cast_precision_loss,
-    clippy::float_cmp,
     reason = "a test may fail, and its counts are small"
 )]
 

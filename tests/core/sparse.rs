@@ -443,7 +443,7 @@ fn entries_that_vanish_leave_the_nodes() {
     let whole = line(nodes, &kept, |_, _| false);
     // Within a node the directions are not coupled, nor the first to the last of every
     // other node.
-    let apart = |i: usize, j: usize| i / 3 == j / 3 || i % 6 == 0 && j == i + 5;
+    let apart = |i: usize, j: usize| i / 3 == j / 3 || i.is_multiple_of(6) && j == i + 5;
     let some = line(nodes, &kept, apart);
     assert_eq!([whole.kept().end, some.kept().end], [40; 2]);
     for v in 0..nodes {

@@ -4,6 +4,7 @@
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use super::matrices::{Entries, Sparse, shuffle};
+use crate::common::elasticity::{EDGES, boxes, cell_stiffness, grid_points, kuhn, simplices};
 
 /// Shape of the cells; the number of nodes along an edge is the order plus one.
 #[derive(Clone, Copy, Debug)]
@@ -27,13 +28,6 @@ pub(crate) struct Make {
     pub(crate) held: bool,
     pub(crate) young: Young,
     pub(crate) seed: u64,
-}
-
-/// Gradients of the shape functions in the reference cell.
-struct Reference {
-    weights: Vec<f64>,
-    /// By point, by node.
-    gradients: Vec<Vec<[f64; 3]>>,
 }
 
 impl Make {
@@ -86,14 +80,19 @@ impl Make {
             .collect();
         let (reference, cells) = match self.shape {
             Shape::Box { .. } => (boxes(d, order), self.boxes(d, order, number)),
-            Shape::Tetrahedra { .. } => (tetrahedra(order), self.tetrahedra(order, number)),
+            Shape::Tetrahedra { .. } => (simplices(3, order), self.tetrahedra(order, number)),
         };
         let mut entries = Entries::default();
         let top = (side[d - 1] - 1) as f64;
         for (number, cell) in cells.iter().enumerate() {
             let middle = cell.iter().map(|&v| at[v][d - 1]).sum::<f64>() / cell.len() as f64;
             let young = (self.young)(number, middle / top);
-            add_cell(&mut entries, &reference, cell, &at, d, young, self.poisson);
+            let nodes: Vec<[f64; 3]> = cell.iter().map(|&v| at[v]).collect();
+            let stiffness = cell_stiffness(&reference, &nodes, d, self.poisson);
+            let (size, dof) = (d * cell.len(), |p: usize| d * cell[p / d] + p % d);
+            for (p, q) in (0..size).flat_map(|p| (0..=p).map(move |q| (p, q))) {
+                entries.add(dof(p), dof(q), young * stiffness[p * size + q]);
+            }
         }
         let free: Vec<usize> = (0..count)
             .filter(|&v| !self.held || place(v)[d - 1] + 1 < side[d - 1])
@@ -139,22 +138,11 @@ impl Make {
     }
 
     fn tetrahedra(&self, order: usize, number: impl Fn([usize; 3]) -> usize) -> Vec<Vec<usize>> {
-        // Paths from one corner of the cube to the opposite one, edge by edge.
-        const PATHS: [[usize; 2]; 6] = [[0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1]];
         let mut cells = Vec::new();
         for origin in self.grid(3, order) {
-            for [first, second] in PATHS {
-                let mut corners = [origin; 4];
-                for c in &mut corners[1..] {
-                    c[first] += order;
-                }
-                for c in &mut corners[2..] {
-                    c[second] += order;
-                }
-                corners[3][3 - first - second] += order;
-                if (first + 1) % 3 != second {
-                    corners.swap(0, 1); // the other paths are right-handed
-                }
+            for unit in kuhn(3) {
+                let corner = |c: &[usize; 3]| std::array::from_fn(|k| origin[k] + order * c[k]);
+                let corners: Vec<[usize; 3]> = unit.iter().map(corner).collect();
                 let mut cell: Vec<usize> = corners.iter().map(|&c| number(c)).collect();
                 if order == 2 {
                     cell.extend(EDGES.iter().map(|&[a, b]| {
@@ -166,149 +154,5 @@ impl Make {
             }
         }
         cells
-    }
-}
-
-const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-
-fn grid_points(d: usize, order: usize) -> Vec<[usize; 3]> {
-    let side = order + 1;
-    let last = |k: usize| if k < d { side } else { 1 };
-    let count = last(0) * last(1) * last(2);
-    (0..count)
-        .map(|v| [v % side, v / side % last(1), v / side / last(1)])
-        .collect()
-}
-
-/// Gauss' rule of `order + 1` points a direction.
-fn boxes(d: usize, order: usize) -> Reference {
-    let rule: &[(f64, f64)] = if order == 1 {
-        &[
-            (-0.577_350_269_189_625_8, 1.0),
-            (0.577_350_269_189_625_8, 1.0),
-        ]
-    } else {
-        &[
-            (-0.774_596_669_241_483_4, 5.0 / 9.0),
-            (0.0, 8.0 / 9.0),
-            (0.774_596_669_241_483_4, 5.0 / 9.0),
-        ]
-    };
-    // Lagrange's polynomial of node `a` at `x`, and its slope, nodes from 0 to order.
-    let value = |a: usize, x: f64| -> f64 {
-        (0..=order)
-            .filter(|&b| b != a)
-            .map(|b| (x - b as f64) / (a as f64 - b as f64))
-            .product()
-    };
-    let slope = |a: usize, x: f64| -> f64 {
-        let without = |b: usize| -> f64 {
-            let rest = (0..=order).filter(|&c| c != a && c != b);
-            let product: f64 = rest
-                .map(|c| (x - c as f64) / (a as f64 - c as f64))
-                .product();
-            product / (a as f64 - b as f64)
-        };
-        (0..=order).filter(|&b| b != a).map(without).sum()
-    };
-    let half = 0.5 * order as f64;
-    let points = grid_points(d, order);
-    let mut made = Reference {
-        weights: Vec::new(),
-        gradients: Vec::new(),
-    };
-    for point in &points {
-        let x = point.map(|i| half * (1.0 + rule[i].0));
-        let weight = (0..d).map(|k| half * rule[point[k]].1).product();
-        made.weights.push(weight);
-        let gradient = |node: &[usize; 3]| -> [f64; 3] {
-            std::array::from_fn(|k| {
-                let factor = |l: usize| match (l == k, l < d) {
-                    (true, true) => slope(node[l], x[l]),
-                    (true, false) => 0.0,
-                    (false, true) => value(node[l], x[l]),
-                    (false, false) => 1.0,
-                };
-                factor(0) * factor(1) * factor(2)
-            })
-        };
-        made.gradients.push(points.iter().map(gradient).collect());
-    }
-    made
-}
-
-fn tetrahedra(order: usize) -> Reference {
-    const FLAT: [[f64; 3]; 4] = [
-        [-1.0, -1.0, -1.0],
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-    ];
-    if order == 1 {
-        return Reference {
-            weights: vec![1.0 / 6.0],
-            gradients: vec![FLAT.to_vec()],
-        };
-    }
-    // Four points integrate quadratics, which products of gradients are.
-    let (near, far) = (0.585_410_196_624_968_5, 0.138_196_601_125_010_5);
-    let at_point = |point: usize| {
-        let l: [f64; 4] = std::array::from_fn(|i| if i == point { near } else { far });
-        let corner = |i: usize| FLAT[i].map(|g| (4.0 * l[i] - 1.0) * g);
-        let edge = |[i, j]: [usize; 2]| {
-            std::array::from_fn(|k| 4.0 * (l[i] * FLAT[j][k] + l[j] * FLAT[i][k]))
-        };
-        (0..4).map(corner).chain(EDGES.map(edge)).collect()
-    };
-    Reference {
-        weights: vec![1.0 / 24.0; 4],
-        gradients: (0..4).map(at_point).collect(),
-    }
-}
-
-/// Stiffness of a cell whose map is given by its nodes.
-fn add_cell(
-    entries: &mut Entries,
-    reference: &Reference,
-    cell: &[usize],
-    at: &[[f64; 3]],
-    d: usize,
-    young: f64,
-    poisson: f64,
-) {
-    let lambda = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
-    let mu = 0.5 * young / (1.0 + poisson);
-    let size = d * cell.len();
-    let mut element = vec![0.0; size * size];
-    for (weight, flat) in reference.weights.iter().zip(&reference.gradients) {
-        // ∂x_k/∂ξ_l; in the plane the third direction stays as it is.
-        let mut map = nalgebra::Matrix3::identity();
-        for k in 0..d {
-            for l in 0..d {
-                map[(k, l)] = cell.iter().zip(flat).map(|(&v, g)| at[v][k] * g[l]).sum();
-            }
-        }
-        let volume: f64 = map.determinant();
-        assert!(volume > 0.0, "a cell is turned over");
-        let back = map.transpose().try_inverse().unwrap();
-        let gradients: Vec<[f64; 3]> = flat
-            .iter()
-            .map(|&g| (back * nalgebra::Vector3::from(g)).into())
-            .collect();
-        for (p, row) in element.chunks_exact_mut(size).enumerate() {
-            let (ga, i) = (gradients[p / d], p % d);
-            for (q, value) in row.iter_mut().enumerate().take(p + 1) {
-                let (gb, j) = (gradients[q / d], q % d);
-                let mut energy = lambda * ga[i] * gb[j] + mu * ga[j] * gb[i];
-                if i == j {
-                    energy += mu * (0..d).map(|k| ga[k] * gb[k]).sum::<f64>();
-                }
-                *value += weight * volume * energy;
-            }
-        }
-    }
-    let dof = |p: usize| d * cell[p / d] + p % d;
-    for p in 0..size {
-        (0..=p).for_each(|q| entries.add(dof(p), dof(q), element[p * size + q]));
     }
 }
