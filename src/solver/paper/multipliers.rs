@@ -1,37 +1,10 @@
-//! Two penalty methods, made exact by the method of multipliers.
+//! Two penalty methods, made exact by the method of multipliers: the perturbed Lagrangian [SWT85]
+//! and return mapping [G89]. Both solve (20d) of `docs/theory.md` for a penalty ε and multipliers
+//! `c`, which are the last reactions: if this converges, the law holds without error, for any ε.
 //!
-//! With a penalty ε of each contact and multipliers `c`, Coulomb's law holds for
-//!
-//! ```text
-//! v' = v + (r − c)/ε                                                         (20d)
-//! ```
-//!
-//! in place of `v`. With `c = 0`, a closed contact penetrates by `r_n/ε` and a sticking one slips
-//! by `‖r_t‖/ε`: the error of the reactions is proportional to `1/ε`. The method of multipliers
-//! repeats the solution with the last reactions as `c` [R76]. If this converges, `r = c` and
-//! `v' = v`: the law holds without error, for any ε. The two methods differ in the map (19) of
-//! Newton's method.
-//!
-//! **The perturbed Lagrangian** [SWT85],
-//!
-//! ```text
-//! ½ uᵀK u − fᵀu − Σ ( r·v + ‖r − c‖²/(2 ε) ),
-//! ```
-//!
-//! has a saddle point over `r` in the set of the law that satisfies (20d). Displacements and
-//! reactions both remain unknowns: the step of the map is `ρ = 1`, and no number is multiplied by
-//! ε.
-//!
-//! **Return mapping** [G89] treats contact as an elastoplastic law. The trial reaction is elastic,
-//! and returns to the half-line of the normal law, then to the disc of the friction law,
-//!
-//! ```text
-//! τ = c − ε v,    r_n = max(τ_n, 0),    r_t = min(1, μ r_n/‖τ_t‖) τ_t                 (20e)
-//! ```
-//!
-//! The reaction is a function of the displacement, whose derivative is the consistent tangent of
-//! Newton's method. It is the map with the step `ρ = ε`, applied to `v'`: in
-//! `r − ε v' = c − ε v` the reaction cancels, and `F = r − r(v)`.
+//! They differ in the map (19) of Newton's method. The perturbed Lagrangian keeps the reactions as
+//! unknowns, with the step `ρ = 1`: no number is multiplied by ε. Return mapping (20e) makes the
+//! reaction a function of the displacement: the same map with `ρ = ε`.
 
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;

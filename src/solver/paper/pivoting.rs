@@ -1,23 +1,10 @@
 //! Complementary pivoting on the piecewise linear law [dSF91, 75; KB88].
 //!
 //! The disc of friction is replaced by a segment in the plane, which is exact, and by a polygon
-//! in space. Each contact is then in one of a few cells: open, stick, a corner or an edge of
-//! its polygon. The law is linear in each cell. Lemke's method follows
-//!
-//! ```text
-//! v = W r + q + t c
-//! ```
-//!
-//! from a large `t`, where all contacts are open and `r = 0` is the only solution, to `t = 0`.
-//! A pivot is a step to the next boundary of a cell, where one contact changes to the
-//! neighbouring cell; `t` may increase. If `W` is positive definite, the path cannot end on a
-//! ray for any μ, because `rᵀW r ≤ −rᵀ(q + t c)` bounds it, and no second path comes from
-//! infinity. At a point on several boundaries, pivots might cycle; this does not occur for
-//! almost every `c`, and `c` is irregular.
-//!
-//! In space the polygons are then refined around the directions of friction. The path continues
-//! with the law of the finer polygons, from a `q'` for which the last point is a solution, to
-//! `q`.
+//! in space, which is refined around the directions of friction. Each contact is in one of a few
+//! cells: open, stick, a corner or an edge of its polygon. Lemke's method follows
+//! `v = W r + q + t c` from a large `t`, where `r = 0`, to `t = 0`, cell by cell; `docs/theory.md`
+//! proves that it arrives.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 

@@ -1,16 +1,9 @@
-//! The minimising sequence of the bifunctional [dSF91, 31–34].
+//! The minimising sequence of the bifunctional [dSF91, 31–34] of `docs/theory.md`.
 //!
-//! Displacements in equilibrium with reactions τ have `v = W τ + q`. With reactions `r` that
-//! satisfy the law, the bifunctional is
-//!
-//! ```text
-//! B(τ, r) = ½ (τ − r)ᵀ W (τ − r) + Σ γ(v(τ), r)  ≥ 0.
-//! ```
-//!
-//! The minimum of `B` over displacements has Tresca's reactions τ with limits fixed at `c + μ r_n`.
-//! The minimum over reactions is that of the stress principle with slip fixed at `v_t(τ)`.
-//! Alternately they decrease `B`: to 0 at a solution, or to a positive limit, where each is the
-//! minimum for the other and neither is a solution.
+//! Displacements in equilibrium with reactions τ have `v = W τ + q`. The minimum of `B` over
+//! displacements has Tresca's reactions τ with limits fixed at `c + μ r_n`; the minimum over
+//! reactions is that of the stress principle with slip fixed at `v_t(τ)`. Alternately they
+//! decrease `B`: to 0 at a solution, or to a positive limit, where neither is a solution.
 
 use crate::law::bipotential::gap;
 use crate::law::frozen::Frozen;
