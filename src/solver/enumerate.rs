@@ -1,18 +1,11 @@
 //! Finds every solution of a small plane problem, or proves that there is none, by trying all
-//! statuses: open, stick, slip to either side.
+//! statuses: open, stick, slip to either side, as in section 10 of `docs/theory.md`.
 //!
-//! With all statuses chosen, the law is a linear system. The search decides one contact after
-//! the other, depth first, on a tableau of scaled variables. Its rows are affine functions of
-//! the reactions of undecided contacts: a decision eliminates one contact, for all leaves below
-//! it. A pivot that is small now may be large later. So equations and unknowns wait for a safe
-//! pivot, from the start those of rigid motions.
-//!
-//! A branch is cut if a test of a decided contact fails for all reactions of the undecided
-//! ones. These lie in their cones, so a test `c + Σ (l_n r_n + l_t r_t) ≥ 0` fails for all of
-//! them if `c < 0` and each `l_n + μ |l_t| ≤ 0`. Several tests may contradict each other: then
-//! a sum of them with shares `y ≥ 0` fails in this way. `v_n ≥ 0` is such a test, also for
-//! undecided contacts. If `W` is definite, reactions are bounded: the law implies `r·v ≤ 0`,
-//! and `rᵀW r + qᵀr ≤ 0` is an ellipsoid.
+//! The search decides one contact after the other, depth first, on a tableau of scaled variables,
+//! whose rows are affine functions of the reactions of undecided contacts. A pivot that is small
+//! now may be large later. So equations and unknowns wait for a safe pivot, from the start those
+//! of rigid motions. If `W` is definite, reactions are bounded: the law implies `r·v ≤ 0`, and
+//! `rᵀW r + qᵀr ≤ 0` is an ellipsoid.
 
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
