@@ -67,14 +67,19 @@ def blocks(
     corners = np.concatenate([corners, problem.points])
     extent = float(np.ptp(corners, axis=0).max())
     ax = style.axes_of(ax, space=space)
+    # In space, of supports only what is near: the figure would cut the rest.
+    far = 0.15 * extent if space else np.inf
+    near = corners.min(axis=0) - far, corners.max(axis=0) + far
     for support, colour in ((True, style.QUIET), (False, style.COLOURS[0])):
         chosen = [
-            block.points[face]
+            np.clip(block.points[face], *near)
             for block in problem.blocks
             if block.support == support
             for face in _list_outlines(block.faces, space=space)
         ]
         _fill(ax, chosen, colour, 0.25 if space else 1.0)
+        if space:
+            corners = np.concatenate([corners, *chosen])
     if motion is not None:
         outlines, hinges = _move(problem, floats("motion", motion), scale, extent)
         corners = np.concatenate([corners, *outlines])

@@ -248,7 +248,10 @@ def force_displacement(
         A wrong argument, or unknown frames; the message names them.
     """
     path, units = steps_of(result), units_of(result, units)
-    chosen, frame, mu = _choose(path, on, contacts_of(path, contacts))
+    arrays = contacts_of(path, contacts)
+    chosen, frame, mu = _choose(path, on, arrays)
+    names = names_of(arrays) if on is None else []
+    said = f"sum of {len(names)} surfaces, on= chooses one" if len(names) > 1 else ""
     _, drag, limit, main = sums(path.reaction[:, chosen], frame, mu)
     drive = -(drag @ main)
     if displacement is None:
@@ -281,11 +284,13 @@ def force_displacement(
         for side in sides:
             label = "Σ μ × normal" if side == sides[0] else ""
             ax.plot(delta, side * limit, label=label, **dashed)
-        canvas.legend_above(ax)
+        canvas.legend_above(ax, title=said)
     elif limit is not None:
         # Drawing so large a limit would make the loop too small to see.
         most = f"friction could hold up to {limit.max():.3g} {units.get('force', '')}"
-        canvas.note(ax, most.strip())
+        canvas.note(ax, "\n".join(filter(None, [most.strip(), said])))
+    else:
+        canvas.note(ax, said)
     canvas.name_axis(ax.xaxis, name, units.get("length"))
     canvas.name_axis(ax.yaxis, "tangential force", units.get("force"))
     canvas.bare(ax)
