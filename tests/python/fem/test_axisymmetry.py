@@ -329,6 +329,28 @@ def test_only_the_motion_along_the_axis_is_free() -> None:
     assert result.reaction[0, :, 0].sum() == pytest.approx(2 * np.pi * 3, rel=1e-10)
 
 
+@pytest.mark.parametrize("radius", [30.0, 100.0])
+def test_hoops_alone_hold_thin_rings_in_the_iterative_engine(radius: float) -> None:
+    """Two rings of thickness 1, held along z: their hoop stiffness is that of weak springs."""
+    bodies = [
+        fem.Body(name, ring("Q1", 4, low, low + 1, 1.0), steel())
+        for name, low in (("in", radius - 1), ("out", radius))
+    ]
+    contact = fem.Contact("in", "right", 0.2, against=("out", "left"))
+    held = [fem.Support(body.name, "bottom", (1,)) for body in bodies]
+    model = fem.assemble(bodies, [contact], held)
+    load = model.nodal_forces(fem.Load("out", "right", pressure=10.0))
+    one, other = (
+        model.problem(engine=engine).solve(load)[-1]
+        for engine in ("iterative", "direct")
+    )
+    assert "krylov" in one.stats
+    # The digits of K that hoops have: (thickness / radius)^2.
+    np.testing.assert_allclose(
+        one.reaction, other.reaction, rtol=0, atol=1e-9 * np.abs(other.reaction).max()
+    )
+
+
 def test_a_sphere_that_a_force_presses_and_a_spring() -> None:
     """The force on an obstacle is that of a full turn, and so is the stiffness of a spring."""
     m = bp.Model("ball")

@@ -154,8 +154,10 @@ def make_iterative(
     coordinates: Floats | None,
     num_threads: int | None,
     direct: Callable[[], Engine],
+    *,
+    hoops: bool = False,
 ) -> Iterative:
-    """The engine of a problem with this K.
+    """The engine of a problem with this K, whose weak springs may be ``hoops`` of thin rings.
 
     Raises
     ------
@@ -174,7 +176,7 @@ def make_iterative(
         gap = np.einsum("ckl,cl->ck", turn, gap)
     data = gap, law, fixed, num_threads
     try:
-        core = _core.Primal(springs.add_to(parts), operator, *data, coordinates)
+        core = _core.Primal(springs.add_to(parts), operator, *data, coordinates, hoops)
     except NotIterativeError as error:
         if not error.contacts:
             raise

@@ -576,6 +576,7 @@ class PreparedStiffness:
         from bipot_rs.contact.path.iterative import make_iterative
 
         started = time.perf_counter()
+        moved = None if options.kinematics is None else options.kinematics[1]
         try:
             iterative = make_iterative(
                 parts,
@@ -584,6 +585,8 @@ class PreparedStiffness:
                 options.coordinates,
                 options.num_threads,
                 self.make_direct,
+                # A body of revolution has no rigid motion along r.
+                hoops=moved is not None and not moved.any(axis=0).all(),
             )
         except NotIterativeError as error:
             reason = self._describe_refusal(error)
