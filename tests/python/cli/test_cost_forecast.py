@@ -15,6 +15,7 @@ from bipot_rs.cli import progress as telling
 from bipot_rs.cli.run import cost_forecast
 from bipot_rs.scene import assemble, bodies, read
 from support.bars import bar_problem
+from support.lap_joint import lap_joint
 
 COUNTS = (
     *("bodies", "n_contact_dofs", "nnz_factor", "flops", "bytes_factor"),
@@ -67,6 +68,24 @@ def test_with_few_of_many_candidates() -> None:
 
 class _NoError(Exception):
     """Raised by the callback."""
+
+
+def test_the_iterative_forecast_follows_the_iterations() -> None:
+    """Bodies on each other take some ten times as many as one on a rigid plane: a factor of 2."""
+    asked = read("sheared_cube", ["mesh.n=8"])
+    case = assemble(asked, bodies(asked))
+    works = []
+    for model, *path in (
+        (case.model, case.load, case.prescribed),
+        lap_joint(2, symmetric=True),
+    ):
+        told: list[Any] = []
+        problem = model.problem(
+            engine="iterative", on_forecast=told.append, steps=len(path[-1])
+        )
+        krylov = sum(step.stats["krylov"] for step in problem.solve(*path))
+        works.append(told[0]["flops"] / model.n / krylov)
+    assert 0.5 < works[0] / works[1] < 2.0
 
 
 def test_an_exception_ends_the_work_in_the_calling_thread() -> None:

@@ -626,6 +626,9 @@ class PreparedStiffness:
         solutions = self.options.steps or 1
         if iterative.springs.contacts.size:
             solutions *= tuning.COPY_SOLUTIONS
+        nodes = np.unique(self._contacts.operator.matrix.indices // d)
+        if len(nodes) > tuning.NODES_OF_JOINED * contacts:
+            solutions *= tuning.JOINED_SOLUTIONS
         tell(
             {
                 "engine": "iterative",
