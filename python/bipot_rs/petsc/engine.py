@@ -165,6 +165,10 @@ class PetscEngine:
         contacts, d = self.shape
         return np.empty((0, d * contacts))
 
+    def load_motions(self, _load: Floats, _prescribed: Floats, /) -> Floats:
+        """None, as of `modes`."""
+        return np.empty(0)
+
     def with_gap(self, gap: Floats) -> PetscEngine:
         """The same problem with other gaps."""
         return replace(self, gap=gap)
