@@ -191,7 +191,11 @@ def describe_friction(R: Any, load: Floats, law: ContactLaw, d: int) -> str:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if judge(middle) == "balanced" else (middle, high)
     alike = law.mu.min() == law.mu.max()
-    least = f"mu = {high * law.mu.max():.3g}" if alike else f"{high:.3g} times as much"
+    least = (
+        f"mu = {high * law.mu.max():.3g}"
+        if alike
+        else f"{high:.3g} times as much friction"
+    )
     return f"{words}; contact could balance the loads from {least} on"
 
 
