@@ -146,7 +146,9 @@ def cost(counts: Record, model: Assembly, steps: int) -> list[str]:
             f"  memory    about {size(counts['bytes_peak'])}{of}",
             f"  time      {duration(seconds(counts, threads))} for all load steps",
         ]
-    most = size(counts["bytes_peak"] + tuning.COPIES_OF_K * _ENTRY * model.K.nnz)
+    of_step = tuning.COPIES_OF_W * 8.0 * float(counts["n_contact_dofs"]) ** 2
+    needed = max(counts["bytes_peak"], counts["bytes_factor"] + of_step)
+    most = size(needed + tuning.COPIES_OF_K * _ENTRY * model.K.nnz)
     time = duration(seconds(counts, threads))
     factor = 2 / 3 * float(model.dim * len(model.gap)) ** 3
     work_of_steps = steps * tuning.FACTORS_OF_STEP * factor
