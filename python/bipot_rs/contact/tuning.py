@@ -77,7 +77,8 @@ MOST_OBLIQUE = 1e6
 # and test_lost_digits.py in tests/python/contact/stiffness. Where nothing else is said, all of
 # them have the same outcome with half and with twice the value.
 
-# Largest stiffness_rtol: fewer digits would also spoil the elasticity.
+# Largest stiffness_rtol: fewer digits would also spoil the elasticity. Half and twice: values
+# between the two are refused or taken.
 LEAST_DIGITS = 1e-3
 # A support must resist by this multiple of the error of K to be recognised. Half: supports of
 # half the stiffness are taken; twice: those of twice the stiffness are refused.
