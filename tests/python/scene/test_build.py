@@ -305,7 +305,9 @@ def test_orders_of_files(file: str, order: int | None, degree: int) -> None:
     )
     assert set(body.mesh.boundaries) == set(body_of_file.mesh.boundaries)
     for name in body_of_file.mesh.boundaries:
-        both = [b.surface(name, inside=True).weights.sum() for b in (body, body_of_file)]
+        both = [
+            b.surface(name, inside=True).weights.sum() for b in (body, body_of_file)
+        ]
         assert both[0] == pytest.approx(both[1], rel=1e-13)
 
 
