@@ -5,11 +5,13 @@ use std::time::Instant;
 use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::Status;
+use crate::law::contact_law::ContactLaw;
 use crate::path::stepping::{State, Step, incremental};
 use crate::primal::certificate::contacts_alone;
 use crate::primal::contacts::Contacts;
 use crate::primal::engine::Engine;
-use crate::primal::newton::{Begin, Errors, Newton, Reason};
+use crate::primal::newton::{Begin, Errors, Newton, Reason, SolvedStep};
+use crate::primal::tuning;
 use crate::solver::{Outcome, Settings, Solution};
 
 /// Where a load step starts.
@@ -75,14 +77,28 @@ pub fn advance<const D: usize, E: Engine<D>>(
         let open = state.status.iter().map(|&s| s != Status::Open);
         open.collect()
     });
-    let solved = Newton::new(engine, contacts, settings).run(Begin {
+    let begin = Begin {
         y: start.y,
         near: start.near,
         draft: start.draft,
+        careful: false,
         closed,
         force,
         offset: &offset,
-    })?;
+    };
+    let mut solved = Newton::new(engine, contacts, settings).run(begin)?;
+    if solved.reason == Some(Reason::Statuses) {
+        let begin = |y, draft| Begin {
+            y,
+            near: true,
+            draft: draft || start.draft,
+            careful: true,
+            closed: None,
+            force,
+            offset: &offset,
+        };
+        solved = settle_statuses(engine, contacts, solved, begin, settings)?;
+    }
     let (point, judged) = (solved.point, solved.judged);
     let mut total = point.v.clone();
     if let Some(state) = start.state {
@@ -133,4 +149,73 @@ pub fn advance<const D: usize, E: Engine<D>>(
         reason: solved.reason,
         errors: solved.errors,
     })
+}
+
+/// The load step once more, where its statuses did not settle: with linear systems that are solved
+/// well, which soft bodies beside stiff ones need, and if that is not enough with friction that
+/// grows from none to that of the law, each share from the solution of the last one. What
+/// `stalled` if that fails too.
+fn settle_statuses<'a, const D: usize, E: Engine<D>>(
+    engine: &mut E,
+    contacts: &Contacts<D>,
+    stalled: SolvedStep<E::Vector, D>,
+    begin: impl Fn(E::Vector, bool) -> Begin<'a, E::Vector, D>,
+    settings: &Settings,
+) -> Result<SolvedStep<E::Vector, D>, E::Error>
+where
+    E::Vector: 'a,
+{
+    let started = Instant::now();
+    let (mut newton, mut krylov) = (stalled.newton, stalled.krylov);
+    let mut y = stalled.point.y.clone();
+    let (mut reached, mut increment) = (None, 1.0);
+    loop {
+        let share = f64::min(reached.unwrap_or(0.0) + increment, 1.0);
+        let law = contacts.law.iter().map(|law| ContactLaw {
+            mu: share * law.mu,
+            dilatancy: share * law.dilatancy,
+            ..*law
+        });
+        let part = Contacts {
+            law: law.collect(),
+            ..contacts.clone()
+        };
+        let whole = share >= 1.0;
+        let least = if whole {
+            0.0
+        } else {
+            tuning::tolerance_of_share()
+        };
+        let left = Settings {
+            tol: settings.tol.max(least),
+            max_iterations: settings.max_iterations.saturating_sub(newton),
+            max_seconds: settings.max_seconds - started.elapsed().as_secs_f64(),
+            ..*settings
+        };
+        let mut solved = Newton::new(engine, &part, &left).run(begin(y.clone(), !whole))?;
+        newton += solved.newton;
+        krylov += solved.krylov;
+        let settled = solved.outcome == Outcome::Converged;
+        if settled && !whole {
+            y = solved.point.y;
+            increment = reached.map_or(tuning::first_share(), |_| 2.0 * increment);
+            reached = Some(share);
+        } else if solved.outcome == Outcome::Stalled && reached.is_none() && increment > 0.0 {
+            increment = 0.0;
+        } else if solved.outcome == Outcome::Stalled
+            && reached.is_some()
+            && increment > tuning::least_share()
+        {
+            increment *= 0.25;
+        } else {
+            if solved.outcome == Outcome::Stalled {
+                solved = stalled;
+            }
+            return Ok(SolvedStep {
+                newton,
+                krylov,
+                ..solved
+            });
+        }
+    }
 }

@@ -100,6 +100,8 @@ pub struct Begin<'a, V, const D: usize> {
     pub near: bool,
     /// Whether the certificate is enough: the errors of the solution are not estimated.
     pub draft: bool,
+    /// Whether linear systems are solved well while many statuses change, too.
+    pub careful: bool,
     /// Closed contacts of the step before; `None` for the unloaded bodies.
     pub closed: Option<Vec<bool>>,
     pub force: &'a V,
@@ -208,7 +210,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
                     let error = if first { 1.0 } else { eta };
                     let exact = changed == 0 && !tangent.slides();
                     let of_all = (!exact).then(|| share(changed, now.len()));
-                    linear_tolerance(of_all, tol, error)
+                    linear_tolerance(of_all, tol, error, begin.careful)
                 }
             };
             if unsettled > tuning::unsettled_points() {
@@ -570,10 +572,10 @@ fn share(changed: usize, all: usize) -> f64 {
 
 /// The relative residual of a linear system that its Newton step is worth: a share of the
 /// statuses changed, and the point has the error `error`. Without a share the problem is linear.
-fn linear_tolerance(changed: Option<f64>, tol: f64, error: f64) -> f64 {
+fn linear_tolerance(changed: Option<f64>, tol: f64, error: f64, careful: bool) -> f64 {
     let wanted = match changed {
         None => EXACT,
-        Some(share) if share > tuning::many_changes() => tuning::coarse_residual(),
+        Some(share) if share > tuning::many_changes() && !careful => tuning::coarse_residual(),
         Some(share) if share > 0.0 => tuning::middle_residual(),
         Some(_) => tuning::fine_residual(),
     };

@@ -26,6 +26,12 @@ fitted! {
     /// Steps without a better point after which the method has stalled.
     patience: usize = 12;
 
+    // load_step.rs, where statuses do not settle
+    /// The first share of friction, the least increment, and the tolerance of η below the whole.
+    first_share: f64 = 0.25;
+    least_share: f64 = 0.01;
+    tolerance_of_share: f64 = 1e-6;
+
     // preconditioner.rs
     /// Iterations of one linear system after which a stronger smoother is used.
     slow_iterations: usize = 40;

@@ -47,6 +47,25 @@ def test_both_engines_agree(kind: str, dim: int) -> None:
     assert own >= (0 if (kind, dim) == ("all", 3) else 1)
 
 
+@pytest.mark.parametrize(
+    ("kind", "dim", "seed"),
+    [("mortar", 2, 2), ("mortar", 2, 3), ("symmetry", 2, 3), ("symmetry", 3, 3)],
+)
+def test_statuses_settle_beside_stiff_bodies(kind: str, dim: int, seed: int) -> None:
+    """Moduli that differ by up to 1e6: coarse linear systems make statuses alternate."""
+    problem, load = random_joint(kind, dim, seed)
+    result, expected = (solved(problem, load, e) for e in ("iterative", "direct"))
+    for step, other in zip(result, expected, strict=True):
+        assert "krylov" in step.stats
+        # As in `test_both_engines_agree`.
+        np.testing.assert_allclose(
+            step.displacement,
+            other.displacement,
+            rtol=0,
+            atol=1e-8 * np.abs(other.displacement).max(),
+        )
+
+
 @pytest.mark.parametrize("kind", ["symmetry", "oblique", "groove"])
 def test_threads_do_not_change_a_bit(kind: str) -> None:
     problem, load = random_joint(kind, 3, 2)
