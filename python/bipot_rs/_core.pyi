@@ -697,14 +697,6 @@ class Statics:
     ) -> Statics: ...
     def decide(self, load: _Floats, max_seconds: float | None = None) -> Decision:
         """Whether reactions balance the loads on the motions."""
-    def solve_at_rest(
-        self, load: _Floats, tol: float, max_seconds: float | None, dimension: int
-    ) -> ReducedSolution:
-        """The solution of rigid bodies without compliance and free displacement."""
-    def measure_imbalance(self, reaction: _Floats, load: _Floats) -> float:
-        """The residual of reactions with which nothing moves, without that of the law."""
-    def has_self_stress(self, reaction: _Floats) -> bool:
-        """Whether reactions without loads may be added to balanced ones."""
     def find_limit(self, dead: _Floats, live: _Floats) -> LimitLoad:
         """The largest multiple of the live load that reactions can balance beside the dead."""
 
@@ -793,8 +785,6 @@ class Reduced:
         """η at `(r, a)`; without `a`, at the rigid motion of least squares."""
     def is_contradiction(self, amounts: _Floats) -> bool:
         """Whether amounts of normal displacements prove that contacts contradict."""
-    def balances(self, pressure: _Floats) -> bool | None:
-        """Whether normal reactions balance the loads; ``None`` if too large to count."""
     def solve(
         self,
         method: str,

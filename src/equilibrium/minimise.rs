@@ -1,8 +1,11 @@
-//! The least value of a linear function over a product of circular cones.
+//! The least value of a convex function over a product of circular cones.
 //!
-//! `min c·y` with `h + G y` in the cones and `E y = f`. The multipliers give a bound from below,
-//! `c·y ≥ f·w − h·z` with `c = Gᵀ z + Eᵀ w` and `z` in the cones; what rounding leaves of these
-//! relations is added to the gap.
+//! `min ½ yᵀP y + c·y` with `h + G y` in the cones and `E y = f`. Without `P`, the multipliers give a
+//! bound from below, `c·y ≥ f·w − h·z` with `c = Gᵀ z + Eᵀ w` and `z` in the cones; what rounding
+//! leaves of these relations is added to the gap. With `P`, this bounds the linear function with the
+//! gradient `c + P y` at the point, and so the gap of the convex one.
+
+use std::iter::repeat;
 
 use crate::equilibrium::programme::{Limits, NEAR_ROUNDING, Programme};
 use crate::error::Error;
@@ -19,7 +22,7 @@ const RAY: f64 = 1e-9;
 const SHRINK: f64 = 1e-10;
 
 /// The set over which functions are minimised.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct ConeSet {
     /// `G` by rows, the rows of a cone consecutive.
     pub rows: OwnedMatrix,
@@ -31,6 +34,8 @@ pub struct ConeSet {
     pub equations: OwnedMatrix,
     pub right: Vec<f64>,
     pub unknowns: usize,
+    /// `P` by rows, both triangles; without rows for linear functions.
+    pub quadratic: OwnedMatrix,
 }
 
 /// The end of a search.
@@ -41,28 +46,32 @@ pub struct Optimum {
     pub bounded: bool,
     /// Difference from the bound by the multipliers; infinite without one.
     pub gap: f64,
+    /// `w`, of the equations.
+    pub multipliers: Vec<f64>,
 }
 
 impl ConeSet {
-    /// Finds the least `cost·y`, or a direction without one.
+    /// Finds the least `½ yᵀP y + cost·y`, or a direction without one.
     pub fn minimise(&self, cost: &[f64], limits: Limits) -> Result<Optimum, Error> {
         let mut programme = Programme::new(self.unknowns);
         programme.cost.copy_from_slice(cost);
+        for row in 0..self.quadratic.pointer.len() - 1 {
+            for (column, value) in self.quadratic.entries(row).filter(|(j, _)| *j >= row) {
+                programme.quadratic.0.push(row);
+                programme.quadratic.1.push(column);
+                programme.quadratic.2.push(value);
+            }
+        }
         for (equation, f) in self.right.iter().enumerate() {
-            programme.push(-f, entries(&self.equations, equation));
+            programme.push(-f, self.equations.entries(equation));
         }
         programme.equal(self.right.len());
         let mut first = 0;
         for &size in &self.sizes {
             let count = self.count_rows(first, size);
-            for row in first..first + count {
-                programme.push(self.offset[row], entries(&self.rows, row));
-            }
-            if count == 1 {
-                programme.nonnegative(1);
-            } else {
-                programme.circular(size);
-            }
+            let rows = first..first + count;
+            let rows = rows.map(|row| (self.offset[row], self.rows.entries(row).collect()));
+            programme.push_cone(rows.collect());
             first += size;
         }
         // Circular cones have no vertices: the last digits would take twice the steps.
@@ -75,10 +84,19 @@ impl ConeSet {
                 y: vec![0.0; self.unknowns],
                 bounded: true,
                 gap: f64::INFINITY,
+                multipliers: dual.0,
             });
         }
-        let optimum = self.measure(end.x, &dual, cost);
-        Ok(optimum)
+        let bent = product(&self.quadratic, &end.x).into_iter();
+        let gradient = cost.iter().zip(bent.chain(repeat(0.0)));
+        let gradient: Vec<f64> = gradient.map(|(c, bent)| c + bent).collect();
+        let (y, bounded, gap) = self.measure(end.x, &dual, &gradient);
+        Ok(Optimum {
+            y,
+            bounded,
+            gap,
+            multipliers: dual.0,
+        })
     }
 
     /// Number of rows of a cone in the programme: a half-line has no other component.
@@ -99,14 +117,23 @@ impl ConeSet {
         for &size in &self.sizes {
             let count = self.count_rows(first, size);
             rows[first..first + count].copy_from_slice(&rest[..count]);
+            if count == 2 {
+                // Those of its half-lines.
+                (rows[first], rows[first + 1]) = (rest[0] + rest[1], rest[0] - rest[1]);
+            }
             rest = &rest[count..];
             first += size;
         }
         (equations.to_vec(), rows)
     }
 
-    /// The point with its gap, or the direction.
-    fn measure(&self, mut y: Vec<f64>, dual: &(Vec<f64>, Vec<f64>), cost: &[f64]) -> Optimum {
+    /// The point, or the direction; which of them, and the gap.
+    fn measure(
+        &self,
+        mut y: Vec<f64>,
+        dual: &(Vec<f64>, Vec<f64>),
+        cost: &[f64],
+    ) -> (Vec<f64>, bool, f64) {
         let (equations, multipliers) = dual;
         let moved = product(&self.rows, &y);
         let falls = -dot(cost, &y);
@@ -120,12 +147,7 @@ impl ConeSet {
         let balanced = self.leaves(&y) <= 1e-6 * (norm(&self.right) + norm(&y));
         let bound_holds = (-falls - least_bound).abs() <= 1e-4 * (falls.abs() + least_bound.abs());
         if falls > 0.0 && outside <= RAY * size && still && !(balanced && bound_holds) {
-            let direction = y.iter().map(|y| y / falls).collect();
-            return Optimum {
-                y: direction,
-                bounded: false,
-                gap: 0.0,
-            };
+            return (y.iter().map(|y| y / falls).collect(), false, 0.0);
         }
         if self.right.is_empty() {
             // A share of y = 0, which is in the cones, removes what rounding left outside.
@@ -149,7 +171,7 @@ impl ConeSet {
         let mut missing = cost.to_vec();
         for (matrix, multipliers) in [(&self.rows, multipliers), (&self.equations, equations)] {
             for (row, z) in multipliers.iter().enumerate() {
-                for (column, value) in entries(matrix, row) {
+                for (column, value) in matrix.entries(row) {
                     missing[column] -= value * z;
                 }
             }
@@ -159,11 +181,7 @@ impl ConeSet {
         let gap = (dot(cost, &y) - least_bound).max(0.0);
         let rest = short * reach + wide * firsts(multipliers);
         let rest = rest + norm(&missing) * norm(&y) + self.leaves(&y) * norm(equations);
-        Optimum {
-            y,
-            bounded: true,
-            gap: gap + rest,
-        }
+        (y, true, gap + rest)
     }
 
     /// `‖E y − f‖`.
@@ -189,18 +207,11 @@ impl ConeSet {
     }
 }
 
-fn entries(matrix: &OwnedMatrix, row: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-    let range = matrix.pointer[row]..matrix.pointer[row + 1];
-    let entries = matrix.index[range.clone()]
-        .iter()
-        .zip(&matrix.values[range]);
-    entries.map(|(&column, &value)| (column, value))
-}
-
 fn product(matrix: &OwnedMatrix, y: &[f64]) -> Vec<f64> {
     let rows = 0..matrix.pointer.len() - 1;
     let of_row = |row| {
-        entries(matrix, row)
+        matrix
+            .entries(row)
             .map(|(column, value)| value * y[column])
             .sum()
     };

@@ -6,7 +6,6 @@
 //! reactions are measured, and a motion that excludes them is checked without rounding
 //! ([`proof`]).
 
-pub mod balance_norm;
 pub mod decide;
 pub mod minimise;
 pub mod multiplier;

@@ -153,28 +153,11 @@ impl<'a> Part<'a> {
                 edge: [normal, tangential],
                 cohesion,
             } = *cone;
+            let pressure = [(first, if count == 1 { 1.0 } else { tangential })];
             let constant = cohesion.unwrap_or(0.0).min(most);
-            match count {
-                1 => {
-                    programme.push(0.0, [(first, 1.0)].into_iter().chain(inside()));
-                    programme.nonnegative(1);
-                    continue;
-                }
-                2 => {
-                    for sign in [1.0, -1.0] {
-                        let row = [(first, tangential), (first + 1, sign * normal)];
-                        programme.push(constant, row.into_iter().chain(inside()));
-                    }
-                    programme.nonnegative(2);
-                }
-                _ => {
-                    programme.push(constant, [(first, tangential)].into_iter().chain(inside()));
-                    for tangent in first + 1..first + count {
-                        programme.push(0.0, [(tangent, normal)]);
-                    }
-                    programme.circular(count);
-                }
-            }
+            let mut rows = vec![(constant, pressure.into_iter().chain(inside()).collect())];
+            rows.extend((first + 1..first + count).map(|t| (0.0, vec![(t, normal)])));
+            programme.push_cone(rows);
             if cohesion.is_some() {
                 programme.push(0.0, [(first, 1.0)].into_iter().chain(inside()));
                 programme.nonnegative(1);
@@ -199,7 +182,7 @@ impl<'a> Part<'a> {
     /// motion.
     pub(super) fn find_least(&self, limits: Limits) -> Result<(Vec<f64>, Vec<f64>), Error> {
         let mut programme = Programme::new(self.component.len());
-        programme.squares.fill(1.0);
+        programme.square(0..self.component.len());
         self.balance(&mut programme, |_| None);
         self.confine(&mut programme, None, MOST_COHESION);
         let end = programme.solve(NEAR_ROUNDING, limits)?;
@@ -212,7 +195,7 @@ impl<'a> Part<'a> {
         let imbalance = self.component.len();
         let motions = self.motions.len();
         let mut programme = Programme::new(imbalance + motions);
-        programme.squares[imbalance..].fill(1.0);
+        programme.square(imbalance..imbalance + motions);
         self.balance(&mut programme, |motion| Some((imbalance + motion, -1.0)));
         self.confine(&mut programme, None, MOST_COHESION);
         let end = programme.solve(NEAR_ROUNDING, limits)?;
@@ -256,30 +239,14 @@ impl<'a> Part<'a> {
                 ..
             } = *cone;
             let margin = (motions + if each { number } else { 0 }, -1.0);
-            let moved = |unknown: usize, factor: f64| {
+            let moved = |unknown: usize| {
+                let factor = if unknown == first { normal } else { tangential };
                 let entries = self.entries[unknown].iter();
                 entries.map(move |&(motion, value)| (motion, factor * value))
             };
-            match count {
-                1 => {
-                    programme.push(0.0, moved(first, normal).chain([margin]));
-                    programme.nonnegative(1);
-                }
-                2 => {
-                    for sign in [1.0, -1.0] {
-                        let row = moved(first, normal).chain(moved(first + 1, sign * tangential));
-                        programme.push(0.0, row.chain([margin]));
-                    }
-                    programme.nonnegative(2);
-                }
-                _ => {
-                    programme.push(0.0, moved(first, normal).chain([margin]));
-                    for tangent in first + 1..first + count {
-                        programme.push(0.0, moved(tangent, tangential));
-                    }
-                    programme.circular(count);
-                }
-            }
+            let mut rows = vec![(0.0, moved(first).chain([margin]).collect())];
+            rows.extend((first + 1..first + count).map(|t| (0.0, moved(t).collect())));
+            programme.push_cone(rows);
         }
         for motion in 0..motions {
             for sign in [1.0, -1.0] {

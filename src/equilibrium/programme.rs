@@ -3,6 +3,7 @@
 //! This file alone names the crate. Its status is not passed on: the caller checks the point and
 //! the multipliers in arithmetic of its own.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -49,11 +50,12 @@ impl<'a> Limits<'a> {
     }
 }
 
-/// `min ½ xᵀ diag(squares) x + cost·x` with `right + A x` in a product of cones.
+/// `min ½ xᵀ P x + cost·x` with `right + A x` in a product of cones.
 #[derive(Debug)]
 pub struct Programme {
     pub cost: Vec<f64>,
-    pub squares: Vec<f64>,
+    /// Rows, columns and values of `P`, its upper triangle.
+    pub quadratic: (Vec<usize>, Vec<usize>, Vec<f64>),
     row: Vec<usize>,
     column: Vec<usize>,
     value: Vec<f64>,
@@ -66,7 +68,7 @@ pub struct Programme {
 #[derive(Debug)]
 pub struct End {
     pub x: Vec<f64>,
-    /// One for each row: `cost + squares x = Aᵀ multipliers`.
+    /// One for each row: `cost + P x = Aᵀ multipliers`.
     pub multipliers: Vec<f64>,
 }
 
@@ -74,13 +76,21 @@ impl Programme {
     pub fn new(columns: usize) -> Self {
         Self {
             cost: vec![0.0; columns],
-            squares: vec![0.0; columns],
+            quadratic: Default::default(),
             row: Vec::new(),
             column: Vec::new(),
             value: Vec::new(),
             right: Vec::new(),
             cones: Vec::new(),
         }
+    }
+
+    /// Adds `½ x²` of some columns.
+    pub fn square(&mut self, columns: Range<usize>) {
+        let (row, column, value) = &mut self.quadratic;
+        value.resize(value.len() + columns.len(), 1.0);
+        row.extend(columns.clone());
+        column.extend(columns);
     }
 
     /// Adds a row `right + entries·x`; the cone of the rows so far follows.
@@ -92,6 +102,27 @@ impl Programme {
             self.value.push(-value);
         }
         self.right.push(right);
+    }
+
+    /// Adds rows of which the first is at least the length of the others; two, as half-lines.
+    pub fn push_cone(&mut self, rows: Vec<(f64, Vec<(usize, f64)>)>) {
+        let count = rows.len();
+        if let [first, second] = &rows[..] {
+            for sign in [1.0, -1.0] {
+                let signed = second.1.iter().map(|&(j, value)| (j, sign * value));
+                let entries = first.1.iter().copied().chain(signed);
+                self.push(sign.mul_add(second.0, first.0), entries);
+            }
+            return self.nonnegative(2);
+        }
+        for (right, entries) in rows {
+            self.push(right, entries);
+        }
+        if count == 1 {
+            self.nonnegative(1);
+        } else {
+            self.cones.push(SupportedConeT::SecondOrderConeT(count));
+        }
     }
 
     /// The last rows are zero.
@@ -108,11 +139,6 @@ impl Programme {
         }
     }
 
-    /// The first of the last rows is at least the length of the others.
-    pub fn circular(&mut self, rows: usize) {
-        self.cones.push(SupportedConeT::SecondOrderConeT(rows));
-    }
-
     /// Searches until relative residuals and gap are `enough`. Every run gives the same bits, if no limit ends it.
     pub fn solve(self, enough: f64, limits: Limits) -> Result<End, Error> {
         let (rows, columns, entries) = (self.right.len(), self.cost.len(), self.value.len());
@@ -123,10 +149,8 @@ impl Programme {
         if limits.seconds_left() <= 0.0 {
             return Ok(nothing); // to factor it would take longer than the limit
         }
-        let diagonal: Vec<usize> = (0..columns).filter(|&j| self.squares[j] != 0.0).collect();
-        let squares = diagonal.iter().map(|&j| self.squares[j]).collect();
-        let squares =
-            CscMatrix::new_from_triplets(columns, columns, diagonal.clone(), diagonal, squares);
+        let (row, column, value) = self.quadratic;
+        let quadratic = CscMatrix::new_from_triplets(columns, columns, row, column, value);
         let matrix = CscMatrix::new_from_triplets(rows, columns, self.row, self.column, self.value);
         let settings = DefaultSettings {
             verbose: false,
@@ -140,7 +164,7 @@ impl Programme {
             ..DefaultSettings::default()
         };
         let made = DefaultSolver::new(
-            &squares,
+            &quadratic,
             &self.cost,
             &matrix,
             &self.right,

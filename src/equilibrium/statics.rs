@@ -71,43 +71,7 @@ impl Statics {
         })
     }
 
-    /// Whether reactions without loads may be added to balanced ones: all are inside their cones,
-    /// and there are more of them than motions.
-    pub fn has_self_stress(&self, reaction: &[f64]) -> bool {
-        /// A reaction is inside by this share of the largest.
-        const INSIDE: f64 = 1e-9;
-        let largest = reaction.iter().fold(0.0, |m: f64, r| m.max(r.abs()));
-        let mut unknowns = 0;
-        let inside = (0..self.contacts()).all(|contact| {
-            let rows = self.first[contact]..self.first[contact + 1];
-            let (mu, cohesion) = (self.largest_friction(contact), self.cohesion[contact]);
-            let rubs = self.rubs(contact);
-            unknowns += if rubs { rows.len() } else { 1 };
-            let friction = rows.clone().skip(1).fold(0.0, |sum: f64, row| {
-                let factor = if mu > 0.0 {
-                    mu / self.friction[row]
-                } else {
-                    1.0
-                };
-                sum.hypot(factor * reaction[row])
-            });
-            let pressure = reaction[rows.start];
-            let room = (cohesion + mu * pressure - friction) / mu.hypot(1.0);
-            pressure > INSIDE * largest && (!rubs || room > INSIDE * largest)
-        });
-        inside && unknowns > self.motions
-    }
-
-    pub fn motions(&self) -> usize {
-        self.motions
-    }
-
-    /// Number of rows of `R`.
-    pub fn rows(&self) -> usize {
-        self.friction.len()
-    }
-
-    pub fn contacts(&self) -> usize {
+    pub(super) fn contacts(&self) -> usize {
         self.cohesion.len()
     }
 
@@ -120,7 +84,7 @@ impl Statics {
     }
 
     /// Whether a contact has friction.
-    pub fn rubs(&self, contact: usize) -> bool {
+    pub(super) fn rubs(&self, contact: usize) -> bool {
         self.largest_friction(contact) > 0.0 || self.cohesion[contact] > 0.0
     }
 
@@ -132,13 +96,7 @@ impl Statics {
 
     /// Entries of a row that are not zero.
     pub(super) fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let range = self.rows.pointer[row]..self.rows.pointer[row + 1];
-        let entries = self.rows.index[range.clone()]
-            .iter()
-            .zip(&self.rows.values[range]);
-        entries
-            .map(|(&j, &value)| (j, value))
-            .filter(|entry| entry.1 != 0.0)
+        self.rows.entries(row).filter(|entry| entry.1 != 0.0)
     }
 
     /// `Rᵀ r + e`, rounded once.

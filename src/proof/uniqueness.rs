@@ -6,13 +6,15 @@ use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
+use crate::linalg::small::tangential_norm;
 use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
 use crate::proof::monotonicity::{KnownSlip, Monotonicity, Units, Weights};
 use crate::proof::tuning;
 use crate::proof::weights;
 use crate::reduced::reduced::Reduced;
-use crate::solver::{at_rest, enumerate};
+use crate::solver::enumerate;
 
 /// What is known of the number of solutions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,12 +53,7 @@ pub fn assess<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Unique, Error> {
     if !problem.rigid.modes.is_empty() || problem.contradiction.is_some() {
-        // Nothing moves if all reactions are inside their cones.
-        let rigid = (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0);
-        let several = rigid
-            && problem.contradiction.is_none()
-            && at_rest::of_problem(problem)?.has_self_stress(r.as_flattened());
-        return Ok(if several {
+        return Ok(if has_self_stress(problem, r) {
             Unique::OthersExist
         } else {
             Unique::Unknown
@@ -121,6 +118,26 @@ fn apart(problem: &Reduced<2>, answers: &[(Vec<[f64; 2]>, Vec<f64>)]) -> bool {
         let size = scaling.reaction_norm(r).max(scaling.reaction_norm(first));
         scaling.reaction_norm(&change) > APART * size
     })
+}
+
+/// Whether reactions without loads may be added to those of rigid bodies: all are inside their cones,
+/// where nothing moves, and there are more of them than motions.
+fn has_self_stress<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool {
+    /// A reaction is inside by this share of the largest.
+    const INSIDE: f64 = 1e-9;
+    let room = INSIDE * r.iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
+    let mut unknowns = 0;
+    let rigid = (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0);
+    let inside = |(r, law): (&[f64; D], &ContactLaw)| {
+        let rubs = law.has_friction();
+        unknowns += if rubs { D } else { 1 };
+        let free = law.limit(r[0]) - tangential_norm(r);
+        r[0] > room && (!rubs || free > room * law.mu.hypot(1.0))
+    };
+    rigid
+        && problem.contradiction.is_none()
+        && r.iter().zip(&problem.law).all(inside)
+        && unknowns > problem.rigid.modes.len()
 }
 
 fn assess_island<const D: usize>(

@@ -5,7 +5,6 @@ use std::sync::atomic::AtomicBool;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-use crate::equilibrium::balance_norm::measure_imbalance;
 use crate::equilibrium::decide::{Decision, decide};
 use crate::equilibrium::minimise::ConeSet;
 use crate::equilibrium::multiplier::find_limit;
@@ -17,8 +16,6 @@ use crate::python::arrays::{
     Csr, CsrArrays, Indices, NewVector, Vector, from_vec, indices, length,
 };
 use crate::python::interrupt;
-use crate::python::solution::PySolution;
-use crate::solver::at_rest::solve_at_rest;
 
 /// The contacts of a question of statics.
 #[pyclass(frozen, name = "Statics", module = "bipot_rs._core")]
@@ -63,53 +60,6 @@ impl PyStatics {
             decide(&self.statics, load, limits)
         })?;
         Ok(PyDecision::new(py, decision))
-    }
-
-    fn solve_at_rest(
-        &self,
-        py: Python<'_>,
-        load: Vector<'_>,
-        tol: f64,
-        max_seconds: Option<f64>,
-        dimension: usize,
-    ) -> PyResult<PySolution> {
-        let (load, statics) = (load.as_slice()?, &self.statics);
-        length(
-            "the rows of contacts",
-            dimension.saturating_mul(statics.contacts()),
-            statics.rows(),
-        )?;
-        if dimension == 2 {
-            let solution = run(py, max_seconds, |limits| {
-                solve_at_rest::<2>(statics, load, tol, limits)
-            })?;
-            PySolution::new(py, &solution, None)
-        } else {
-            let solution = run(py, max_seconds, |limits| {
-                solve_at_rest::<3>(statics, load, tol, limits)
-            })?;
-            PySolution::new(py, &solution, None)
-        }
-    }
-
-    fn measure_imbalance(
-        &self,
-        py: Python<'_>,
-        reaction: Vector<'_>,
-        load: Vector<'_>,
-    ) -> PyResult<f64> {
-        let (reaction, load, statics) = (reaction.as_slice()?, load.as_slice()?, &self.statics);
-        length("reaction", reaction.len(), statics.rows())?;
-        length("load", load.len(), statics.motions())?;
-        run(py, None, |limits| {
-            Ok(measure_imbalance(statics, reaction, load, limits.stop)?.0)
-        })
-    }
-
-    fn has_self_stress(&self, reaction: Vector<'_>) -> PyResult<bool> {
-        let reaction = reaction.as_slice()?;
-        length("reaction", reaction.len(), self.statics.rows())?;
-        Ok(self.statics.has_self_stress(reaction))
     }
 
     fn find_limit(
@@ -178,6 +128,7 @@ impl PyConeSet {
             sizes,
             right,
             unknowns,
+            ..ConeSet::default()
         };
         Ok(Self { set })
     }

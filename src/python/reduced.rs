@@ -11,7 +11,7 @@ use crate::python::reduced_arrays::{Answers, IslandArrays, ReducedArrays};
 use crate::python::solution::PySolution;
 use crate::python::solver::settings;
 use crate::python::tangent::{self, PyTangentSystem};
-use crate::reduced::existence::{balances, is_contradiction};
+use crate::reduced::existence::is_contradiction;
 
 /// A reduced problem `v = W r + R a + q` in the numbering of the caller.
 #[pyclass(frozen, name = "Reduced", module = "bipot_rs._core")]
@@ -62,17 +62,9 @@ impl PyReduced {
     fn is_contradiction(&self, py: Python<'_>, amounts: Vector<'_>) -> PyResult<bool> {
         let amounts = amounts.as_slice()?;
         for_either!(&self.kind, problem => {
-            problem.decide(py, amounts, problem.contacts(), |problem, a| {
-                is_contradiction(problem, &problem.compliance.gather(a))
-            })
-        })
-    }
-
-    fn balances(&self, py: Python<'_>, pressure: Vector<'_>) -> PyResult<Option<bool>> {
-        let pressure = pressure.as_slice()?;
-        for_either!(&self.kind, problem => {
-            problem.decide(py, pressure, problem.contacts(), |problem, p| {
-                balances(problem, &problem.compliance.gather(p))
+            arrays::length("witness", amounts.len(), problem.contacts())?;
+            problem.run(py, None, None, |problem, _, _| {
+                Ok(is_contradiction(problem, &problem.compliance.gather(amounts)))
             })
         })
     }

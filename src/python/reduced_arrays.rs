@@ -186,18 +186,6 @@ impl<const D: usize> ReducedArrays<D> {
         arrays::length("rigid_motion", amounts.len(), self.rigid.modes.len())
     }
 
-    /// Calls `decide` with one number for each contact or each rigid motion.
-    pub(super) fn decide<T: Send>(
-        &self,
-        py: Python<'_>,
-        witness: &[f64],
-        expected: usize,
-        decide: impl FnOnce(&Reduced<'_, D>, &[f64]) -> T + Send,
-    ) -> PyResult<T> {
-        arrays::length("witness", witness.len(), expected)?;
-        self.run(py, None, None, |problem, _, _| Ok(decide(problem, witness)))
-    }
-
     pub(super) fn residual(
         &self,
         py: Python<'_>,

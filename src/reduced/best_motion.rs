@@ -11,13 +11,21 @@
 //! little: distances across it have the weight `‖r_t‖/(‖r_t‖ + λ)`, with λ of the motion before.
 //! Steps of Gauss–Newton for `F` follow.
 
+use std::sync::atomic::AtomicBool;
+
 use crate::law::bipotential;
 use crate::law::cone::derivative;
 use crate::linalg::least_squares;
 use crate::linalg::small::{Block, Vector, dot, norm, tangential_norm};
+use crate::reduced::gram::factor_gram;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{law_norm, residual};
 use crate::reduced::tuning;
+
+/// Share of its contacts' resistance that holds a free motion, of many: above the rounding of products.
+const HELD: f64 = 1e-10;
+/// Directions with a resistance of 1e-8 or more keep 1e-8 of their error.
+const CORRECTIONS: usize = 4;
 
 /// The relative displacements that the law allows with a reaction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,6 +119,9 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
     let search = Search::new(problem, r);
     let largest = norm(search.force.as_flattened());
     let mut motion = vec![0.0; scaling.modes.len()];
+    if search.law(&motion) <= f64::EPSILON * largest {
+        return motion; // no motion changes the balance
+    }
     let mut best = (search.eta(&motion), motion.clone());
     let mut laws: Vec<Allowed<D>> = Vec::new();
     let mut zero = (0.5 * f64::EPSILON * largest).max(f64::MIN_POSITIVE);
@@ -212,10 +223,31 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
     fn step(&self, rest: &[f64], jacobian: &[Block<D>]) -> Vec<f64> {
         let modes = &self.problem.scaling.modes;
         let moved = modes.map(|i, _, m| (jacobian[i] * Vector::from(*m)).into());
-        let columns = moved.columns();
-        let columns: Vec<&[f64]> = columns.iter().map(|c| c.as_flattened()).collect();
-        let right: Vec<f64> = rest.iter().map(|x| -x).collect();
-        least_squares::solve(&columns, &right)
+        if !self.problem.scaling.is_sparse() {
+            let columns = moved.columns();
+            let columns: Vec<&[f64]> = columns.iter().map(|c| c.as_flattened()).collect();
+            let right: Vec<f64> = rest.iter().map(|x| -x).collect();
+            return least_squares::solve(&columns, &right);
+        }
+        // What the law leaves free is held by little, whose effect each correction reduces.
+        let row = |row: usize, add: &mut dyn FnMut(usize, f64)| match row.checked_sub(rest.len()) {
+            Some(motion) => add(motion, HELD.sqrt()),
+            None => (moved.at(row / D)).for_each(|(c, motion)| add(c, motion[row % D])),
+        };
+        let (count, never) = (modes.len(), AtomicBool::new(false));
+        let mut step = vec![0.0; count];
+        let Ok(gram) = factor_gram(rest.len() + count, count, row, &never) else {
+            return step;
+        };
+        for _ in 0..CORRECTIONS {
+            let mut left = rest.as_chunks::<D>().0.to_vec();
+            moved.add_product(&step, &mut left);
+            let mut back = moved.work(&left, &vec![1.0; left.len()]);
+            gram.condense(&mut back, 1);
+            gram.recover(&mut back, 1);
+            step.iter_mut().zip(back).for_each(|(s, back)| *s -= back);
+        }
+        step
     }
 
     /// The motion with the least distance from what the law allows: Newton's steps, each with the

@@ -111,17 +111,19 @@ impl<'a, const D: usize> Compliance<'a, D> {
             || is_sparse(self.entries() / (D * D), self.contacts())
     }
 
+    /// The stored blocks of a row.
+    pub fn row_blocks(&self, position: usize, add: &mut dyn FnMut(usize, Block<D>)) {
+        let (island, contact) = self.find(position);
+        island.row_blocks(contact, &mut |j, w| add(island.nodes.start + j, w));
+    }
+
     /// `W` in blocks, if it is sparse.
     pub fn whole(&self) -> Result<Option<&Whole<D>>, Error> {
         if !self.is_sparse() {
             return Ok(None);
         }
         if self.whole.get().is_none() {
-            let row = |position: usize, add: &mut dyn FnMut(usize, Block<D>)| {
-                let (island, contact) = self.find(position);
-                island.row_blocks(contact, &mut |j, w| add(island.nodes.start + j, w));
-            };
-            let blocks = Blocks::from_rows(self.contacts(), row);
+            let blocks = Blocks::from_rows(self.contacts(), |i, add| self.row_blocks(i, add));
             let analysis = Analysis::new(&blocks)?;
             let _ = self.whole.get_or_init(|| Whole { blocks, analysis });
         }

@@ -4,7 +4,6 @@
 //! | witness | condition | what it proves |
 //! |---|---|---|
 //! | amounts `λ ≥ 0` of normal displacements | `Wᵀ λ = 0`, `Rᵀ λ = 0`, `λ·q < 0` | no equilibrium: `λ·v = λ·q < 0` for each `r` and `a` |
-//! | normal reactions `p ≥ 0` | `Rᵀ p + e = 0` | contact can balance the loads |
 //!
 //! Rounding leaves an error `δ` in each equation. A proof of no equilibrium then excludes
 //! only reactions below `work / ‖δ‖`. It counts if these include all reactions up to
@@ -40,11 +39,12 @@ pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
 /// walls that overlap do.
 pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -> bool {
     let scaling = &problem.scaling;
-    let normal = normal_only::<D>(amounts);
+    let normal = |&n: &f64| std::array::from_fn(|k| if k == 0 { n } else { 0.0 });
+    let normal: Vec<[f64; D]> = amounts.iter().map(normal).collect();
     let mut moved = vec![[0.0; D]; amounts.len()];
     problem.compliance.transposed_product(&normal, &mut moved);
-    let (mut lack, mut work, mut size) =
-        (scaling.force_norm(&sums(problem, &normal)), 0.0, 0.0_f64);
+    let sums = scaling.modes.work(&normal, &scaling.to_r);
+    let (mut lack, mut work, mut size) = (scaling.force_norm(&sums), 0.0, 0.0_f64);
     for (i, amount) in amounts.iter().enumerate() {
         // A contact without friction has no tangential reaction.
         let components = if problem.law[i].has_friction() { D } else { 1 };
@@ -60,35 +60,4 @@ pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -
     let nonnegative = amounts.iter().all(|&amount| amount >= 0.0);
     let least = LEAST_WORK * size * scaling.reaction_norm(&normal);
     nonnegative && work > least && excludes(work, lack, size)
-}
-
-/// Whether normal reactions `p ≥ 0` balance the loads. `None` if they do, but are larger
-/// than the reactions of any solution.
-pub fn balances<const D: usize>(problem: &Reduced<D>, pressure: &[f64]) -> Option<bool> {
-    let scaling = &problem.scaling;
-    let sums = sums(problem, &normal_only::<D>(pressure));
-    let rest: Vec<f64> = sums.iter().zip(&scaling.load).map(|(p, e)| p + e).collect();
-    let mut size = scaling.force_norm(&scaling.load);
-    for (i, q) in problem.q.iter().enumerate() {
-        let components = if problem.law[i].has_friction() { D } else { 1 };
-        let largest = q[..components].iter().fold(0.0_f64, |m, c| m.max(c.abs()));
-        size = size.max(largest * scaling.to_v[i]);
-    }
-    let largest = pressure.iter().zip(&scaling.to_r);
-    let largest = largest.fold(0.0_f64, |m, (p, s)| m.max(p * s));
-    let nonnegative = pressure.iter().all(|&p| p >= 0.0);
-    if !(nonnegative && scaling.force_norm(&rest) <= LEAST_WORK * size) {
-        return Some(false);
-    }
-    (largest <= LARGEST_REACTION * size).then_some(true)
-}
-
-fn normal_only<const D: usize>(normal: &[f64]) -> Vec<[f64; D]> {
-    let node = |&n: &f64| std::array::from_fn(|k| if k == 0 { n } else { 0.0 });
-    normal.iter().map(node).collect()
-}
-
-/// `R̂ᵀ r̂`.
-fn sums<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
-    problem.scaling.modes.work(r, &problem.scaling.to_r)
 }

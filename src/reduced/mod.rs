@@ -4,6 +4,7 @@ pub mod best_motion;
 pub mod compliance;
 pub mod elliptic_scaling;
 pub mod existence;
+mod gram;
 pub mod island;
 pub mod memory;
 pub mod reduced;

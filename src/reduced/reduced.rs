@@ -3,7 +3,6 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
-use crate::equilibrium::balance_norm::factor_gram;
 use crate::error::Error;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
@@ -12,6 +11,7 @@ use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::sparse_lu::Analysis;
 use crate::reduced::compliance::{Compliance, Whole};
+use crate::reduced::gram::factor_gram;
 use crate::reduced::rigid_motions::RigidMotions;
 use crate::reduced::tuning;
 use crate::reduced::validate::{check_finite, check_length};
@@ -280,9 +280,8 @@ impl<const D: usize> Scaling<D> {
             .collect();
 
         let mut modes = rigid.modes.map(|i, _, motion| motion.map(|c| c * node[i]));
-        let many = modes.len() >= tuning::sparse_contacts() && compliance.is_sparse();
-        let pairs = modes.len().saturating_mul(compliance.contacts());
-        let basis = if many && modes.entries().saturating_mul(tuning::sparse_share()) <= pairs {
+        // Also if R is dense: factors of W alone lose the digits of motions that deform nothing.
+        let basis = if modes.len() >= tuning::sparse_contacts() && compliance.is_sparse() {
             let lengths = modes.lengths();
             if let Some(mode) = lengths.iter().position(|&length| length == 0.0) {
                 return Err(Error::DependentMotion { mode });

@@ -90,11 +90,6 @@ impl<const D: usize> RigidMotions<D> {
         self.start.len().saturating_sub(1)
     }
 
-    /// Stored pairs of a contact and a motion.
-    pub fn entries(&self) -> usize {
-        self.motion.len()
-    }
-
     pub fn values(&self) -> &[[f64; D]] {
         &self.values
     }

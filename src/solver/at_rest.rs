@@ -5,21 +5,16 @@
 //! one, and a proof that there are none ends the search.
 
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
 
-use crate::equilibrium::balance_norm::measure_imbalance;
 use crate::equilibrium::decide::{Decision, Verdict, decide};
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
-use crate::law::cone::Status;
 use crate::linalg::small::norm;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::existence::works;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::runaway::of_largest_one;
-use crate::solver::outcome::Outcome;
-use crate::solver::solution::Solution;
 
 /// Rounding of `q`, relative to its terms `R b`.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
@@ -29,13 +24,9 @@ pub fn of_problem<const D: usize>(problem: &Reduced<D>) -> Result<Statics, Error
     let mut rows = OwnedMatrix::default();
     for contact in 0..problem.contacts() {
         for k in 0..D {
-            for (motion, mode) in problem.rigid.modes.at(contact) {
-                if mode[k] != 0.0 {
-                    rows.index.push(motion);
-                    rows.values.push(mode[k]);
-                }
-            }
-            rows.pointer.push(rows.index.len());
+            let moved = problem.rigid.modes.at(contact);
+            let moved = moved.map(|(motion, mode)| (motion, mode[k]));
+            rows.push(moved.filter(|(_, value)| *value != 0.0));
         }
     }
     let view = Rows {
@@ -91,50 +82,4 @@ pub(super) fn find_rest<const D: usize>(problem: &Reduced<D>) -> Option<Vec<f64>
     let terms = sizes.map(|(length, a)| length * a.abs()).sum::<f64>();
     let terms = norm(problem.q.as_flattened()) + terms;
     (norm(left.as_flattened()) <= ROUNDING * terms).then_some(motion)
-}
-
-/// The answer of statics as a solution of many rigid bodies: `W = 0`, `q = 0`.
-pub fn solve_at_rest<const D: usize>(
-    statics: &Statics,
-    load: &[f64],
-    tol: f64,
-    limits: Limits,
-) -> Result<Solution<D>, Error> {
-    let started = Instant::now();
-    let decision = decide(statics, load, limits)?;
-    let (residual, floor) = measure_imbalance(statics, &decision.reaction, load, limits.stop)?;
-    let tolerance = tol.max(floor);
-    let seconds = started.elapsed().as_secs_f64();
-    let reaction = decision.reaction.as_chunks::<D>().0.to_vec();
-    let status = |(contact, r): (usize, &[f64; D])| {
-        if r.iter().all(|&c| c == 0.0) {
-            Status::Open
-        } else if statics.rubs(contact) {
-            Status::Stick
-        } else {
-            Status::Slip
-        }
-    };
-    let contacts = reaction.len();
-    Ok(Solution {
-        relative_displacement: vec![[0.0; D]; contacts],
-        status: reaction.iter().enumerate().map(status).collect(),
-        opened: vec![false; contacts],
-        bipotential_gap: vec![0.0; contacts],
-        rigid_motion: vec![0.0; load.len()],
-        outcome: match decision.verdict {
-            Verdict::None => Outcome::NoEquilibrium,
-            Verdict::Balanced if residual <= tolerance => Outcome::Converged,
-            _ if limits.seconds_left() == 0.0 => Outcome::TimeLimit,
-            _ => Outcome::Stalled,
-        },
-        free_motion: decision.motion,
-        reaction,
-        residual,
-        floor,
-        tolerance,
-        history: vec![(0.0, residual)],
-        seconds,
-        ..Solution::default()
-    })
 }

@@ -8,6 +8,7 @@
 //! | start from zero | –, 2, 2 if floating | | the point zero, once |
 //! | all statuses | 3, 3, – | more than 6 contacts, or not plane | the answer, or the proof that there is none |
 //! | proximal points | from 2, from 3, from 1 | 60 outer steps | the point, if much better |
+//! | convex | 2, 2, 1 | not the law of a potential (β = μ), or W not symmetric | the point, if much better |
 //! | interior point | from 5, from 6, from 1 | 260 steps a path, each path once | the point, without sweeps |
 //!
 //! With cohesion or dilatancy there are no statuses to try and no interior points.
@@ -24,6 +25,7 @@
 
 use crate::equilibrium::decide::Verdict;
 use crate::reduced::reduced::Reduced;
+use crate::solver::associated;
 use crate::solver::at_rest;
 use crate::solver::auto::Turn::{From, Never, Once};
 use crate::solver::enumerate;
@@ -44,6 +46,7 @@ enum Stage {
     FromZero,
     AllStatuses,
     Proximal,
+    Convex,
     Interior,
 }
 
@@ -75,12 +78,13 @@ impl Turn {
 /// | 2 | 16 / 30 | 31 / 122 | 0 |
 /// | 3 | 16 / 30 | 31 / 84 | 2 |
 /// | never | 16 / 30 | 31 / 46 | 30 |
-const STAGES: [(Stage, [Turn; 3]); 6] = [
+const STAGES: [(Stage, [Turn; 3]); 7] = [
     (Stage::Sweeps, [From(1), From(1), From(1)]),
     (Stage::Newton, [From(1), From(1), From(1)]),
     (Stage::FromZero, [Never, Once(2), Once(2)]),
     (Stage::AllStatuses, [Once(3), Once(3), Never]),
     (Stage::Proximal, [From(2), From(3), From(1)]),
+    (Stage::Convex, [Once(2), Once(2), Once(1)]),
     (Stage::Interior, [From(5), From(6), From(1)]),
 ];
 
@@ -119,7 +123,7 @@ struct Chain<'p, const D: usize> {
     /// Attempts with proximal points so far, and the next interior-point path.
     attempts: usize,
     path: usize,
-    /// Whether an interior-point path has given the point.
+    /// Whether a programme or an interior-point path has given the point.
     resumed: bool,
     /// Whether Newton steps take so long that the other stages come first.
     many: bool,
@@ -201,6 +205,16 @@ impl<'p, const D: usize> Chain<'p, D> {
                 let end = proximal::run(self.problem, &self.point.r, &rigid, monitor, attempt)?;
                 self.attempts += 1;
                 self.take_if_better(end);
+                Ok(())
+            }
+            Stage::Convex => {
+                if let Some(end) = associated::solve(self.problem, monitor)? {
+                    let end = self.sweeper.point(end.r, &end.rigid);
+                    let _ = self.sweeper.look(&end, monitor, true)?;
+                    if self.sweeper.residual(&end) < self.sweeper.residual(&self.point) {
+                        (self.point, self.resumed) = (end, true);
+                    }
+                }
                 Ok(())
             }
             // Its cone is Coulomb's.

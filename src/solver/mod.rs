@@ -1,6 +1,7 @@
 //! Algorithms on the reduced problem, with their input, their result and the monitor.
 
 pub mod anderson;
+mod associated;
 pub mod at_rest;
 pub mod auto;
 pub mod derivatives;

@@ -79,7 +79,7 @@ pub fn solve_watched<const D: usize>(
     }
     let mut balanced = false;
     let opening = if let Some(motion) = &resting {
-        match rest(problem, settings, start, motion, &mut monitor)? {
+        match rest(problem, start, motion, &mut monitor)? {
             Rest::Moves(motion) => return Ok(refuse(problem, settings, monitor, motion)),
             Rest::Answer => {
                 return Ok(finish(problem, settings, monitor, Outcome::Converged));
@@ -189,7 +189,6 @@ enum Rest<const D: usize> {
 /// reactions.
 fn rest<const D: usize>(
     problem: &Reduced<D>,
-    settings: &Settings,
     start: &Start<D>,
     motion: &[f64],
     monitor: &mut Monitor<D>,
@@ -200,8 +199,7 @@ fn rest<const D: usize>(
             return Ok(Rest::Answer);
         }
     }
-    let seconds = settings.max_seconds.max(LEAST_SECONDS);
-    let decision = at_rest::ask(problem, monitor.stop(), seconds)?;
+    let decision = at_rest::ask(problem, monitor.stop(), monitor.seconds_left())?;
     match decision.verdict {
         Verdict::None => Ok(Rest::Moves(decision.motion)),
         Verdict::Undecided => Ok(Rest::Start(None)),

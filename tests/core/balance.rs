@@ -14,7 +14,7 @@ use bipot_rs::equilibrium::decide::{Decision, Verdict, decide};
 use bipot_rs::equilibrium::programme::Limits;
 use bipot_rs::linalg::small::norm;
 use bipot_rs::reduced::compliance::Compliance;
-use bipot_rs::reduced::existence::{balances, is_contradiction};
+use bipot_rs::reduced::existence::is_contradiction;
 use bipot_rs::reduced::reduced::Rigid;
 use bipot_rs::solver::at_rest::of_problem;
 use bipot_rs::solver::{Outcome, Settings, Start, solve};
@@ -388,23 +388,5 @@ fn gaps_that_sum_to_zero_but_for_rounding_are_no_contradiction() {
         let q = [[0.3 - rounding, 0.0], [-0.3, 0.0]];
         let problem = coulomb(&compliance, &q, &[0.0; 2], &Rigid::default());
         assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
-    }
-}
-
-#[test]
-fn pressure_balances_loads_or_is_too_large() {
-    let compliance = normal_compliance([[1.0, 0.0], [0.0, 1.0]]);
-    for (normal, pressure, expected) in [
-        (1.0, [1.0, 1.0], Some(true)),
-        (1.0, [1.0, 1.1], Some(false)),
-        (1.0, [3.0, -1.0], Some(false)),
-        (1e-12, [1e12, 1e12], None),
-    ] {
-        let rigid = Rigid {
-            modes: vec![vec![[normal, 1.0], [normal, -1.0]]].into(),
-            load: vec![-2.0],
-        };
-        let problem = coulomb(&compliance, &[[0.0; 2]; 2], &[0.3; 2], &rigid);
-        assert_eq!(balances(&problem, &pressure), expected);
     }
 }

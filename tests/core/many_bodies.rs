@@ -95,7 +95,11 @@ fn measure(blocks: usize) -> (usize, usize, usize) {
         }
         let whole = problem.whole().unwrap().unwrap();
         let factors = whole.analysis.counts().nnz_factor;
-        (problem.scaling.modes.entries(), factors, solved.iterations)
+        (
+            problem.scaling.modes.values().len(),
+            factors,
+            solved.iterations,
+        )
     })
 }
 

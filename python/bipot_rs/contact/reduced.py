@@ -30,7 +30,7 @@ from bipot_rs.contact.errors import (
     NoEquilibriumError,
     NotConvergedError,
 )
-from bipot_rs.contact.law.contact_law import ContactLaw, project
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.proof.equilibrium import name_friction
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 
 # Iterations of each solve of a search for the largest multiplier.
 _CLIMB = 300
-# With more entries, a dense R is made only for what needs it.
-_DENSE_MOTIONS = 1_000_000
 # A residual that most problems reach; the limit is rounding if that is larger.
 _TIGHT = 1e-14
 
@@ -140,8 +138,7 @@ class ReducedProblem:
             None if rigid is None else (border, force)
         )
         self._parts = parts
-        if border.shape[0] * border.shape[1] <= _DENSE_MOTIONS:
-            _ = self._problem  # the checks that only the core makes
+        _ = self._problem  # the checks that only the core makes
 
     def __reduce__(self) -> tuple[object, ...]:
         again = partial(
@@ -248,12 +245,6 @@ class ReducedProblem:
         rigid = None if a is None else floats("a", a, shape=(self._motions,))
         if rigid is None and self._motions:
             self.law.require_coulomb("residual without a")
-        if self._is_statics and self.rigid is not None and not np.any(rigid):
-            # Nothing moves: the law asks for reactions in their cones.
-            inside = project(reaction, self.mu, cohesion=self.law.cohesion)[0]
-            size = float(np.linalg.norm(reaction)) or 1.0
-            balance = self._statics.measure_imbalance(reaction.ravel(), self.rigid[1])
-            return max(float(np.linalg.norm(reaction - inside)) / size, balance)
         return self._problem.residual(reaction, rigid)
 
     def error_bound(self, r: ArrayLike) -> ErrorBound:
@@ -317,12 +308,7 @@ class ReducedProblem:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
             num_threads = threads(num_threads)
-        asked = method == "auto" and start is None and self._is_statics
-        if asked and self.rigid is not None:
-            at_rest = self._statics.solve_at_rest
-            core = at_rest(self.rigid[1], tol, chosen.max_seconds, self.q.shape[1])
-        else:
-            core = self._problem.solve(*chosen, reaction, rigid, num_threads, callback)
+        core = self._problem.solve(*chosen, reaction, rigid, num_threads, callback)
         return self._complete(core, method, chosen.max_seconds)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
@@ -542,11 +528,6 @@ class ReducedProblem:
         W = self.W.data if hasattr(self.W, "tocsr") else np.asarray(self.W)
         return not self.q.any() and not np.any(W)
 
-    @cached_property
-    def _is_statics(self) -> bool:
-        """Whether these are so many rigid bodies that only statics is asked."""
-        return self.q.size * self._motions > _DENSE_MOTIONS and self._moves_rigidly()
-
     def _move_contacts(self, amounts: Floats) -> Floats:
         """Displacement of each contact ``(n_c, d)``, the largest of length 1."""
         return rigid_motions.move_contacts(self._R.T, amounts, self.q.shape[1])
@@ -571,15 +552,14 @@ class ReducedProblem:
             Whether to try all combinations of statuses, as `answers` does, if the
             conditions decide nothing: in the plane, with up to 12 contacts.
         """
-        from bipot_rs.contact.proof.existence import (
-            Existence,
-            judge_existence,
-            make_dense,
-        )
+        from scipy.sparse import csr_array, diags_array
+
+        from bipot_rs.contact.proof.existence import Existence, judge_existence
 
         validation.logical("exhaust", exhaust)
         # In components scaled by these factors, friction is isotropic.
         by, mu = _core.isotropic(self.mu, self.q.shape[1])
+        scaling = diags_array(by.ravel())
         rigid = self.rigid
         if rigid is not None and len(rigid[1]):
             statics = self.equilibrium()
@@ -596,8 +576,8 @@ class ReducedProblem:
                     verdict="guaranteed" if balanced else "unknown",
                     reason=statics.reason,
                 )
-            rigid = by.ravel()[:, None] * self._dense_motions, rigid[1]
-        W = by.ravel()[:, None] * make_dense(self.W) * by.ravel()
+            rigid = scaling @ csr_array(self._R), rigid[1]
+        W = scaling @ csr_array(self.W) @ scaling
         existence = judge_existence(self._problem, W, by * self.q, mu, rigid, self.law)
         existence = replace(
             existence,
@@ -624,7 +604,7 @@ class ReducedProblem:
         from bipot_rs.contact.sensitivity.reduced import ReducedModel
 
         W = self.W if hasattr(self.W, "tocsr") else np.asarray(self.W)
-        return ReducedModel(self._problem, W, self.law, self._dense_motions)
+        return ReducedModel(self._problem, W, self.law, self._R)
 
     def _has_several(self, solution: Solution) -> bool:
         exhausted = self._problem.answers()
@@ -662,9 +642,6 @@ class _ReducedInquiry(NamedTuple):
         return self.problem._problem
 
     def unique(self, solution: Solution, /) -> str:
-        if self.problem._is_statics:
-            several = self.problem._statics.has_self_stress(solution.reaction.ravel())
-            return "others exist" if several else "unknown"
         return self.core.assess(solution.reaction)
 
     def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:

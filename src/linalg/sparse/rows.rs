@@ -65,13 +65,8 @@ impl<'a> Rows<'a> {
     pub fn select(&self, number: impl Fn(usize) -> Option<usize>) -> OwnedMatrix {
         let mut out = OwnedMatrix::default();
         for row in 0..self.row_ptr.len() - 1 {
-            for (column, value) in self.row(row) {
-                if let Some(column) = number(column) {
-                    out.index.push(column);
-                    out.values.push(value);
-                }
-            }
-            out.pointer.push(out.index.len());
+            let entries = self.row(row);
+            out.push(entries.filter_map(|(j, value)| Some((number(j)?, value))));
         }
         out
     }
@@ -121,15 +116,20 @@ impl OwnedMatrix {
         Symmetric::of_checked(&self.pointer, &self.index, &self.values)
     }
 
+    /// Adds a row.
+    pub fn push(&mut self, entries: impl IntoIterator<Item = (usize, f64)>) {
+        for (j, value) in entries {
+            self.index.push(j);
+            self.values.push(value);
+        }
+        self.pointer.push(self.index.len());
+    }
+
     /// Some of the rows.
     pub fn rows(&self, rows: &[usize]) -> Self {
         let mut out = Self::default();
         for &row in rows {
-            for (j, value) in self.entries(row) {
-                out.index.push(j);
-                out.values.push(value);
-            }
-            out.pointer.push(out.index.len());
+            out.push(self.entries(row));
         }
         out
     }

@@ -56,8 +56,7 @@ impl<'p, const D: usize> System<'p, D> {
         match problem.whole()? {
             Some(whole) => {
                 let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
-                let many = modes > tuning::most_dense() && !problem.scaling.is_sparse();
-                if many || memory::check("the factors of W", bytes).is_err() {
+                if memory::check("the factors of W", bytes).is_err() {
                     return Ok(None);
                 }
             }

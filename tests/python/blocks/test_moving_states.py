@@ -3,9 +3,11 @@
 import moving_states as bench
 import numpy as np
 import pytest
+from scipy.sparse import diags_array
 
+import bipot_rs as bp
 from bipot_rs.blocks import assemble
-from support.masonry import box
+from support.masonry import LIMITS, box
 
 
 def stand(width: float, height: float) -> bench.Wall:
@@ -83,3 +85,39 @@ def test_a_search_finds_smaller_loads_of_wall_1() -> None:
     assert state.load < 0.639150
     assert bench.judge(wall, state) <= bench.EXACT
     assert count < bench.PROGRAMMES
+
+
+@pytest.mark.parametrize("compliance", [1e-5, 1e-7, 1e-9])
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_an_associated_wall_moves_at_its_static_limit(
+    number: int, compliance: float
+) -> None:
+    """With dilatancy μ the problem is convex: its load falls to λ_a with the compliance."""
+    wall = bench.build(number)
+    forward = wall.push / (wall.push @ wall.push)
+    across = np.linalg.svd(wall.push[None])[2][1:].T
+    W = np.full(wall.R.shape[0], compliance)
+    q, R = (wall.R @ forward).reshape(-1, 2), wall.R @ across
+    loads = []
+    for given in (np.diag(W), diags_array(W).tocsr()):
+        solution = bp.ReducedProblem(
+            given, q, wall.mu, rigid=(R, across.T @ wall.weight), dilatancy=wall.mu
+        ).solve()
+        assert solution.converged
+        r = solution.reaction.ravel()
+        loads.append(float(-forward @ (wall.weight + wall.R.T @ r)))
+    # The limit is known to six digits; joints of compliance 1 would add some tens.
+    assert loads == pytest.approx([LIMITS[number]] * 2, abs=1e-6 + 100 * compliance)
+
+
+@pytest.mark.slow
+def test_a_wall_moves_alike_with_a_sparse_compliance_and_dense_motions() -> None:
+    wall = bench.build(3)
+    forward = wall.push / (wall.push @ wall.push)
+    across = np.linalg.svd(wall.push[None])[2][1:].T
+    W = diags_array(np.full(wall.R.shape[0], bench.COMPLIANCE)).tocsr()
+    q, rigid = (
+        (wall.R @ forward).reshape(-1, 2),
+        (wall.R @ across, across.T @ wall.weight),
+    )
+    assert bp.ReducedProblem(W, q, wall.mu, rigid=rigid).solve().converged

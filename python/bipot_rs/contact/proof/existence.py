@@ -6,8 +6,9 @@ witnesses; the core decides whether a witness is a proof.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -61,19 +62,23 @@ class Existence:
     __repr__ = short_repr
 
 
+# The theorem of friction on planes needs null spaces: it is asked up to so many entries of R.
+_MOST_HELD = 1_000_000
+
+
 @dataclass(frozen=True)
 class _Scaled:
     """The problem in scaled variables, without the tangents of contacts without friction.
 
     ``W``, ``q`` and ``R`` have the rows ``kept``; ``normal`` marks the normal ones.
-    ``motions`` is ``R`` with all rows; its columns are orthonormal. ``e`` are the loads on
-    these columns.
+    ``motions`` is ``R`` with all rows; its columns have length 1. ``e`` are the loads on
+    these columns. Matrices are sparse.
     """
 
-    W: Floats
+    W: Any
     q: Floats
-    R: Floats
-    motions: Floats
+    R: Any
+    motions: Any
     e: Floats
     mu: Floats
     kept: Bools
@@ -88,21 +93,21 @@ class _Scaled:
 
 def judge_existence(
     core: _core.Reduced,
-    W: Floats,
+    W: CsrMatrix,
     q: Floats,
     mu: Floats,
-    rigid: tuple[Floats, Floats] | None,
+    rigid: tuple[CsrMatrix, Floats] | None,
     law: ContactLaw,
 ) -> Existence:
     """Give the verdict on ``v = W r + R a + q``, if some reaction balances the loads.
 
     ``core``: the problem, which decides whether a witness is a proof.
-    ``W, q, mu, rigid``: as in `ReducedProblem`, dense, with isotropic friction.
+    ``W, q, mu, rigid``: as in `ReducedProblem`, sparse, with isotropic friction.
     ``law``: the law, which has cohesion and dilatancy besides.
     """
     rubs = mu > 0 if law.cohesion is None else (mu > 0) | (law.cohesion > 0)
     p = _scale_problem(W, q, mu, rigid, rubs)
-    symmetric = np.abs(p.W - p.W.T).max(initial=0.0) <= 1e-8
+    symmetric = abs(p.W - p.W.T).max() <= 1e-8
     inside: Floats | None = None
     if not _is_definite(p.W):
         overlap = _find_overlap(core, p)
@@ -126,7 +131,7 @@ def judge_existence(
     reason = "supports hold every body"
     if p.R.shape[1]:
         reason = "normal reactions alone can balance the loads"
-        pressure, rest = _find_balanced(core, p)
+        pressure, rest = _find_balanced(p)
         if pressure is None and rest is None:
             return Existence(
                 verdict="unknown",
@@ -137,7 +142,8 @@ def judge_existence(
         if (
             rest is not None
             and law.is_coulomb
-            and is_held(p.R[p.normal], p.R[~p.normal], p.e, mu, q.shape[1])
+            and q.size * len(p.e) <= _MOST_HELD
+            and is_held(p.motions.toarray(), p.e, mu)
         ):
             reason = "friction holds the bodies, however the pressures are distributed"
         elif rest is not None:
@@ -163,31 +169,31 @@ def judge_existence(
 
 
 def _scale_problem(
-    W: Floats,
+    W: CsrMatrix,
     q: Floats,
     mu: Floats,
-    rigid: tuple[Floats, Floats] | None,
+    rigid: tuple[CsrMatrix, Floats] | None,
     rubs: Bools,
 ) -> _Scaled:
+    from scipy.sparse import csr_array, diags_array
+
     contacts, d = q.shape
     matters = np.ones((contacts, d), bool)
     matters[:, 1:] = rubs[:, None]
     kept: Bools = matters.ravel()
     scale = find_scale(W, d)
-    by_row = np.repeat(scale, d)
-    R, e = (np.empty((len(kept), 0)), np.empty(0)) if rigid is None else rigid
-    e = np.asarray(e, np.float64)
-    if R.shape[1]:
-        # Columns of unit length first: rotations have other units than translations.
-        length = np.linalg.norm(R, axis=0)
-        Q, T = np.linalg.qr(by_row[:, None] * R / length)
-        R, e = Q, np.linalg.solve(T.T, e / length)
+    by_row = diags_array(np.repeat(scale, d))
+    R, e = rigid or (csr_array((len(kept), 0)), np.empty(0))
+    R = csr_array(by_row @ R)
+    # Columns of unit length: rotations have other units than translations.
+    length = np.sqrt((R * R).sum(axis=0))
+    R = csr_array(R @ diags_array(1 / length))
     return _Scaled(
-        W=(W * np.outer(by_row, by_row))[np.ix_(kept, kept)],
-        q=(q.ravel() * by_row)[kept],
+        W=csr_array(by_row @ W @ by_row)[kept][:, kept],
+        q=(by_row @ q.ravel())[kept],
         R=R[kept],
         motions=R,
-        e=e,
+        e=e / length,
         mu=mu,
         kept=kept,
         normal=(np.arange(contacts * d) % d == 0)[kept],
@@ -195,102 +201,116 @@ def _scale_problem(
     )
 
 
-def find_scale(W: Floats, d: int) -> Floats:
+def find_scale(W: Floats | CsrMatrix, d: int) -> Floats:
     """Factor of the displacements of each contact that makes its mean compliance 1."""
-    compliance = np.diag(W).reshape(-1, d).mean(axis=1)
+    compliance = W.diagonal().reshape(-1, d).mean(axis=1)
     positive = compliance > 0
     # A contact without compliance gets the median scale of the others.
     usual = float(np.median(compliance[positive])) if positive.any() else 1.0
     return np.asarray(1 / np.sqrt(np.where(positive, compliance, usual)))
 
 
-def _is_definite(W: Floats) -> bool:
+def _split_islands(W: CsrMatrix) -> Iterator[Floats]:
+    """The symmetric part of each independent block of ``W``, dense."""
+    from scipy.sparse.csgraph import connected_components
+
+    count, label = connected_components(W, directed=False)
+    members = np.split(np.argsort(label), np.cumsum(np.bincount(label))[:-1])
+    for island in members[:count]:
+        block = W[island][:, island].toarray()
+        yield (block + block.T) / 2
+
+
+def _is_definite(W: CsrMatrix) -> bool:
     """Whether the symmetric part of ``W`` is positive definite beyond rounding."""
-    diagonal = np.diag(W)
-    if not (diagonal > 0).all():
+    if not (W.diagonal() > 0).all():
         return False
-    m = len(W)
-    unit = (W + W.T) / 2 / np.sqrt(np.outer(diagonal, diagonal))
-    # L Lᵀ of a matrix with unit diagonal has an error of (m + 1) ε in each entry.
-    shift = 2 * m * (m + 1) * np.finfo(float).eps
-    try:
-        np.linalg.cholesky(unit - shift * np.eye(m))
-    except np.linalg.LinAlgError:
-        return False
+    for block in _split_islands(W):
+        diagonal, m = np.diag(block), len(block)
+        unit = block / np.sqrt(np.outer(diagonal, diagonal))
+        # L Lᵀ of a matrix with unit diagonal has an error of (m + 1) ε in each entry.
+        shift = 2 * m * (m + 1) * np.finfo(float).eps
+        try:
+            np.linalg.cholesky(unit - shift * np.eye(m))
+        except np.linalg.LinAlgError:
+            return False
     return True
 
 
-def _is_semidefinite(W: Floats) -> bool:
-    values = np.linalg.eigvalsh((W + W.T) / 2)
+def _is_semidefinite(W: CsrMatrix) -> bool:
+    values = np.concatenate([np.linalg.eigvalsh(b) for b in _split_islands(W)])
     return bool(values.min(initial=0.0) >= -1e-10 * np.abs(values).max(initial=0.0))
+
+
+def _decide_normal(columns: Any, load: Floats) -> _core.Decision:
+    """Whether normal reactions, in rows of ``columns``, balance loads on its columns."""
+    count = columns.shape[0]
+    half_lines = np.ones(count, int), np.zeros(count), np.zeros(count)
+    return statics_of_rows(columns, *half_lines).decide(load)
 
 
 def _find_overlap(core: _core.Reduced, p: _Scaled) -> Floats | None:
     """Find ``λ >= 0`` with ``λ·W_n = 0``, ``λ·R_n = 0``, ``λ·q_n < 0``."""
-    from scipy.optimize import nnls
+    from scipy.sparse import hstack
 
     if not p.size:
         return None
-    q = p.q[p.normal] / p.size
-    rows = np.vstack([p.W[p.normal].T, p.R[p.normal].T, q])
-    try:
-        amounts, _ = nnls(rows, np.append(np.zeros(len(rows) - 1), -1.0))
-    except RuntimeError:  # its limit of iterations
-        return None
-    if not amounts.any():
+    q = p.q[p.normal][:, None] / p.size
+    columns = hstack([p.W[p.normal], p.R[p.normal], q])
+    decision = _decide_normal(columns, np.append(np.zeros(columns.shape[1] - 1), 1.0))
+    if decision.verdict != "balanced":
         return None
     # Amounts of unscaled displacements: the scaled ones are v times the scale.
-    overlap = amounts * p.scale / np.max(amounts * p.scale)
+    overlap = decision.reaction * p.scale / np.max(decision.reaction * p.scale)
     return overlap if core.is_contradiction(overlap) else None
 
 
 def _find_inside(p: _Scaled) -> Floats | None:
     """A possible displacement with ``v_n > mu |v_t|`` at every contact."""
+    from scipy.sparse import block_array, coo_array, diags_array, hstack
+
     contacts, d = len(p.mu), len(p.kept) // len(p.mu)
     size = p.size or 1.0
-    U, values, _ = np.linalg.svd(np.hstack([p.W, p.R]), full_matrices=False)
-    U = U[:, values > 1e-12 * values.max(initial=0.0)]
     # Back to all rows: the rows left out have mu = 0.
-    span = np.zeros((contacts * d, U.shape[1]))
-    span[p.kept] = U
-    free = np.zeros(contacts * d)
+    span = coo_array(hstack([p.W, p.R]))
+    rows = np.flatnonzero(p.kept)[span.coords[0]]
+    span = coo_array((span.data, (rows, span.coords[1])), (len(p.kept), span.shape[1]))
+    free = np.zeros(len(p.kept))
     free[p.kept] = p.q / size
     # (v_n - t, mu v_t) in the cones; the margin t is the last unknown, at most 1.
     by = np.ones((contacts, d))
     by[:, 1:] = p.mu[:, None]
-    G = np.zeros((contacts + 1, d, U.shape[1] + 1))
-    G[:-1, :, :-1] = by[..., None] * span.reshape(contacts, d, -1)
-    G[:, 0, -1] = -1.0
-    h = np.zeros((contacts + 1, d))
-    h[:-1], h[-1, 0] = by * free.reshape(contacts, d), 1.0
-    cost = np.append(np.zeros(U.shape[1]), -1.0)
-    y = make_cone_set(G.reshape(h.size, -1), h).minimise(cost)[0][:-1]
+    margin = coo_array(-np.tile(np.eye(1, d).T, (contacts, 1)))
+    last = coo_array(-np.eye(d, 1))
+    G = block_array([[diags_array(by.ravel()) @ span, margin], [None, last]])
+    h = np.vstack([by * free.reshape(contacts, d), np.eye(1, d)])
+    cost = np.append(np.zeros(span.shape[1]), -1.0)
+    y = make_cone_set(G, h).minimise(cost)[0][:-1]
     v = (free + span @ y).reshape(contacts, d)
-    margin = v[:, 0] - p.mu * np.linalg.norm(v[:, 1:], axis=1)
-    if margin.min(initial=1.0) <= 1e-9 * (1 + np.abs(y).max(initial=0.0)):
+    open_by = v[:, 0] - p.mu * np.linalg.norm(v[:, 1:], axis=1)
+    if open_by.min(initial=1.0) <= 1e-9 * (1 + np.abs(y).max(initial=0.0)):
         return None
     return np.asarray(v * size / p.scale[:, None], np.float64)
 
 
-def _find_balanced(
-    core: _core.Reduced, p: _Scaled
-) -> tuple[Floats | None, Floats | None]:
+def _find_balanced(p: _Scaled) -> tuple[Floats | None, Floats | None]:
     """Find normal reactions that balance the loads, or a motion that they do not stop.
 
     Neither is returned if the reactions are larger than those of any solution.
     """
     # Rounding leaves a small component of a normal along which nothing can move a body.
     # Only reactions that are too large would balance the loads by it.
-    columns = p.R[p.normal].copy()
-    small = np.abs(columns) * _core.largest_reaction
-    columns[small <= np.abs(p.motions).max(initial=0.0)] = 0.0
-    count = len(columns)
-    half_lines = np.ones(count, int), np.zeros(count), np.zeros(count)
-    decision = statics_of_rows(columns, *half_lines).decide(p.e)
+    columns = p.R[p.normal]
+    columns.data[
+        np.abs(columns.data) * _core.largest_reaction <= abs(p.motions).max()
+    ] = 0
+    decision = _decide_normal(columns, p.e)
     if decision.verdict == "none":
         return None, decision.motion
-    pressure = decision.reaction * p.scale
-    return (pressure if core.balances(pressure) else None), None
+    most = _core.largest_reaction * max(np.linalg.norm(p.e), p.size)
+    if decision.verdict != "balanced" or decision.reaction.max() > most:
+        return None, None
+    return decision.reaction * p.scale, None
 
 
 def make_dense(W: Floats | CsrMatrix) -> Floats:

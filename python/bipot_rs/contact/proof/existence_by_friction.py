@@ -17,25 +17,28 @@ _FLAT = 1e-9
 _MARGIN = 1e-6
 
 
-def is_held(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bool:
+def is_held(R: Floats, e: Floats, mu: Floats) -> bool:
     """Whether friction dissipates more on every sliding motion than the loads supply.
 
     Each rigid motion must be a sum of a sliding and a lift. A sliding moves no contact
     along its normal; a lift moves no contact with friction along its tangents. The
     pressures that balance the loads on lifts must be bounded. Otherwise the result is False.
 
-    ``normal, tangents``: rows of ``R`` for the normals of all contacts, ``(n_c, k)``, and for
-    the tangents of contacts with friction, ``((d - 1) m, k)``. Columns of both together have a
-    length of about 1.
-    ``e``: loads on the rigid motions, ``(k,)``.
+    ``R, e``: rigid motions ``(d n_c, k)`` and the loads on them, ``(k,)``.
     ``mu``: friction coefficients, ``(n_c,)``.
-    ``d``: dimension.
     """
     from scipy.optimize import nnls
 
-    slides, lifts = _find_null_space(normal), _find_null_space(tangents)
+    Q, T = np.linalg.qr(R)
+    e = np.linalg.solve(T.T, e)
+    by_contact = Q.reshape(len(mu), -1, Q.shape[1])
+    normal, tangents = by_contact[:, 0], by_contact[:, 1:] * (mu > 0)[:, None, None]
+    slides, lifts = (
+        _find_null_space(normal),
+        _find_null_space(tangents.reshape(-1, Q.shape[1])),
+    )
     whole = np.hstack([slides, lifts])
-    if whole.shape[1] != normal.shape[1]:
+    if whole.shape[1] != Q.shape[1] or not slides.shape[1]:
         return False
     if np.linalg.svd(whole, compute_uv=False)[-1] < _FLAT:
         return False
@@ -49,8 +52,7 @@ def is_held(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> 
     load, pull = load / size, slides.T @ e / size
     if not _is_within(press.T, load):
         return False
-    moves = np.zeros((len(mu), d - 1, slides.shape[1]))
-    moves[mu > 0] = (tangents @ slides).reshape(-1, d - 1, slides.shape[1])
+    moves = tangents @ slides
     return _share_friction(press, load, moves, pull, mu) or _find_limit(
         press, load, moves, pull, mu
     )
@@ -93,46 +95,39 @@ def _share_friction(
     ``Y load = -pull``. Then the friction ``r_n,i g_i`` works on slidings by ``Y`` times the
     work of ``r_n,i`` on lifts.
     """
+    from scipy.linalg import block_diag
+
     contacts, tangential, slides = moves.shape
-    rubbing = np.flatnonzero(mu > 0)
-    lifts = press.shape[1]
-    free = len(rubbing) * tangential
     # Scale the rows: the sizes depend on the stiffness of each contact.
     sizes = np.linalg.norm(press, axis=1) + np.linalg.norm(moves, axis=(1, 2))
     sizes[sizes == 0] = 1.0
     press, moves = press / sizes[:, None], moves / sizes[:, None, None]
-    # Unknowns: g of contacts with friction, rows of Y, and the largest ‖g‖/μ.
-    A = np.zeros(((contacts + 1) * slides, free + slides * lifts))
-    for i in range(contacts):
-        for a in range(slides):
-            row, column = i * slides + a, free + a * lifts
-            A[row, column : column + lifts] = -press[i]
-    for k, i in enumerate(rubbing.tolist()):
-        columns = slice(k * tangential, (k + 1) * tangential)
-        A[i * slides : (i + 1) * slides, columns] = moves[i].T
-    for a in range(slides):
-        column = free + a * lifts
-        A[contacts * slides + a, column : column + lifts] = load
-    b = np.concatenate([np.zeros(contacts * slides), -pull])
+    # Unknowns: g, columns of Y.
+    balance, each = block_diag(*moves.transpose(0, 2, 1)), np.eye(slides)
+    last = np.kron(load[None], each)
+    A = np.block(
+        [[balance, -np.kron(press, each)], [np.zeros((slides, balance.shape[1])), last]]
+    )
+    b = np.append(np.zeros(len(balance)), -pull)
     # All solutions of the equations, to rounding; the programme chooses one.
     x0 = np.linalg.lstsq(A, b, rcond=None)[0]
-    if np.linalg.norm(A @ x0 - b) > _core.least_work * max(
-        1.0, float(np.linalg.norm(pull))
-    ):
+    most = max(1.0, float(np.linalg.norm(pull)))
+    if np.linalg.norm(A @ x0 - b) > _core.least_work * most:
         return False
     ways = _find_null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
+    free = contacts * tangential
+    start = x0[:free].reshape(contacts, -1)
+    change = ways[:free].reshape(contacts, tangential, -1)
     # The least t with (t mu_i, g_i) in a circular cone.
-    start = x0[:free].reshape(-1, tangential)
-    change = ways[:free].reshape(len(rubbing), tangential, -1)
-    rows = np.zeros((len(rubbing), 1 + tangential, ways.shape[1] + 1))
-    rows[:, 0, -1], rows[:, 1:, :-1] = mu[rubbing], change
-    offset = np.column_stack([np.zeros(len(rubbing)), start])
-    cones = make_cone_set(rows.reshape(-1, rows.shape[2]), offset)
+    rows = np.zeros((contacts, 1 + tangential, ways.shape[1] + 1))
+    rows[:, 0, -1], rows[:, 1:, :-1] = mu, change
+    cones = make_cone_set(
+        rows.reshape(-1, rows.shape[2]), np.pad(start, [(0, 0), (1, 0)])
+    )
     y, _, gap = cones.minimise(np.append(np.zeros(ways.shape[1]), 1.0))
-    if not np.isfinite(gap):
-        return False
-    g = start + change @ y[:-1]
-    return bool((np.linalg.norm(g, axis=1) <= (1 - _MARGIN) * mu[rubbing]).all())
+    length = np.linalg.norm(start + change @ y[:-1], axis=1)
+    inside = (length <= (1 - _MARGIN) * mu)[mu > 0].all()
+    return bool(np.isfinite(gap) and inside)
 
 
 def _is_within(columns: Floats, load: Floats) -> bool:

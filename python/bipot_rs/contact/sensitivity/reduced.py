@@ -40,7 +40,7 @@ class ReducedModel:
     # W, law: as given.
     W: Floats | CsrMatrix
     law: ContactLaw
-    modes: Floats  # (d n_c, k): R
+    modes: Floats | CsrMatrix  # (d n_c, k): R
 
     def linear(self, solution: Solution) -> LinearisedStep:
         """The problem, linearised at a solution.

@@ -242,7 +242,7 @@ class ReducedResponse:
         core: _core.Reduced,
         W: Floats | CsrMatrix,
         shape: tuple[int, int],
-        modes: Floats,
+        modes: Floats | CsrMatrix,
     ) -> None:
         self._core, self._W, self._shape, self._modes = core, W, shape, modes
         self.motions = modes.shape[1]
@@ -250,7 +250,7 @@ class ReducedResponse:
 
     def movable(self) -> Bools:
         """Components that a reaction moves, ``(n_c, d)``."""
-        felt = np.abs(self._modes).max(axis=1, initial=0.0).reshape(self._shape) > 0
+        felt = np.asarray(abs(self._modes).sum(axis=1)).reshape(self._shape) > 0
         can_move: Bools = (self.diagonal > 0) | felt
         return can_move
 

@@ -266,9 +266,6 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "Statics, decide": (statics.decide, [PUSH, 1.0]),
         "Statics, find_limit": (statics.find_limit, [PUSH, PUSH[::-1].copy()]),
-        "Statics, solve_at_rest": (statics.solve_at_rest, [PUSH, 1e-10, 1.0, 2]),
-        "Statics, measure_imbalance": (statics.measure_imbalance, [LOAD, PUSH]),
-        "Statics, has_self_stress": (statics.has_self_stress, [LOAD]),
         "ConeSet": (
             lambda *a: _core.ConeSet(*a).minimise(PUSH),
             [EYE_ROWS, np.ones(4), np.array([2, 2]), NO_ROWS, NONE, 2],
@@ -324,7 +321,6 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "isotropic": (_core.isotropic, [MU, 3]),
         "isotropic, two": (_core.isotropic, [np.ones((2, 2)), 3]),
         "is_contradiction": (held.is_contradiction, [np.zeros(2)]),
-        "balances": (floating.balances, [np.zeros(2)]),
         "is_sparse": (_core.is_sparse, [9, 3]),
         "Reduced, assess": (held.assess, [GAP]),
         "Reduced, assess, floating": (floating.assess, [GAP]),
