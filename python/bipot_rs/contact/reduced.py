@@ -183,7 +183,7 @@ class ReducedProblem:
             starts = np.arange(0, rows * columns + 1, max(columns, 1))
             modes = starts, np.tile(np.arange(columns), rows), self._R.ravel()
         else:
-            from bipot_rs.contact.proof.cone_set import csr_parts
+            from bipot_rs.contact.proof.equilibrium import csr_parts
 
             modes = csr_parts(self._R)
         return _core.Reduced(self._parts, self.q, self.law, modes, force)
@@ -192,11 +192,6 @@ class ReducedProblem:
     def _R(self) -> Any:
         """``R (d n_c, k)``, dense or sparse; without columns if no motion is rigid."""
         return np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
-
-    @property
-    def _dense_motions(self) -> Floats:
-        R = self._R
-        return R if isinstance(R, np.ndarray) else R.toarray()
 
     @cached_property
     def _statics(self) -> _core.Statics:
@@ -666,7 +661,7 @@ class _ReducedInquiry(NamedTuple):
             max_seconds=self.max_seconds,
             law=problem.law,
             W=lambda: make_dense(problem.W),
-            modes=lambda: problem._dense_motions,
+            modes=lambda: make_dense(problem._R),
             several=problem._has_several,
         )
         return diagnose(tried, solution, solution.relative_displacement)

@@ -16,8 +16,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.proof.cone_set import make_cone_set
-from bipot_rs.contact.proof.equilibrium import statics_of_rows
+from bipot_rs.contact.proof.equilibrium import make_cone_set, statics_of_rows
 from bipot_rs.contact.proof.existence_by_friction import is_held
 
 
@@ -307,7 +306,7 @@ def _find_balanced(p: _Scaled) -> tuple[Floats | None, Floats | None]:
     decision = _decide_normal(columns, p.e)
     if decision.verdict == "none":
         return None, decision.motion
-    most = _core.largest_reaction * max(np.linalg.norm(p.e), p.size)
+    most = _core.largest_reaction * max(float(np.linalg.norm(p.e)), p.size)
     if decision.verdict != "balanced" or decision.reaction.max() > most:
         return None, None
     return decision.reaction * p.scale, None

@@ -9,7 +9,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.proof.cone_set import make_cone_set
+from bipot_rs.contact.proof.equilibrium import make_cone_set
 
 # A smaller component of a rigid motion of length 1 is rounding.
 _FLAT = 1e-9

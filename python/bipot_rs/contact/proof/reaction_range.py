@@ -19,7 +19,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact.errors import NotConvergedError
-from bipot_rs.contact.proof.cone_set import make_cone_set
+from bipot_rs.contact.proof.equilibrium import make_cone_set
 from bipot_rs.contact.proof.existence import find_scale, make_dense
 from bipot_rs.contact.results.solution import Solution
 

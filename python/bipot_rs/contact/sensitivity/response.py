@@ -250,7 +250,8 @@ class ReducedResponse:
 
     def movable(self) -> Bools:
         """Components that a reaction moves, ``(n_c, d)``."""
-        felt = np.asarray(abs(self._modes).sum(axis=1)).reshape(self._shape) > 0
+        sizes: Any = abs(self._modes)
+        felt = np.asarray(sizes.sum(axis=1)).reshape(self._shape) > 0
         can_move: Bools = (self.diagonal > 0) | felt
         return can_move
 
