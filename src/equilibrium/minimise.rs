@@ -69,9 +69,10 @@ impl ConeSet {
         let mut first = 0;
         for &size in &self.sizes {
             let count = self.count_rows(first, size);
-            let rows = first..first + count;
-            let rows = rows.map(|row| (self.offset[row], self.rows.entries(row).collect()));
-            programme.push_cone(rows.collect());
+            for row in first..first + count {
+                programme.push(self.offset[row], self.rows.entries(row));
+            }
+            programme.circular(count);
             first += size;
         }
         // Circular cones have no vertices: the last digits would take twice the steps.
@@ -117,10 +118,6 @@ impl ConeSet {
         for &size in &self.sizes {
             let count = self.count_rows(first, size);
             rows[first..first + count].copy_from_slice(&rest[..count]);
-            if count == 2 {
-                // Those of its half-lines.
-                (rows[first], rows[first + 1]) = (rest[0] + rest[1], rest[0] - rest[1]);
-            }
             rest = &rest[count..];
             first += size;
         }

@@ -118,10 +118,15 @@ impl Programme {
         for (right, entries) in rows {
             self.push(right, entries);
         }
-        if count == 1 {
+        self.circular(count);
+    }
+
+    /// The first of the last rows is at least the length of the others.
+    pub fn circular(&mut self, rows: usize) {
+        if rows == 1 {
             self.nonnegative(1);
         } else {
-            self.cones.push(SupportedConeT::SecondOrderConeT(count));
+            self.cones.push(SupportedConeT::SecondOrderConeT(rows));
         }
     }
 
