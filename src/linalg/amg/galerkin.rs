@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::block_rows::Blocks as _;
-use crate::linalg::amg::prolongation::{Prolongation, choose_tasks};
+use crate::linalg::amg::prolongation::Prolongation;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::pages::zeros;
@@ -29,8 +29,7 @@ pub(super) use with_sizes;
 
 /// `Pᵀ A P`, exactly symmetric.
 pub(super) fn galerkin(matrix: &BlockMatrix, p: &Prolongation) -> BlockMatrix {
-    let product = times_prolongation(matrix, p, None);
-    let upper = upper_triangle(p, &product, None);
+    let upper = upper_triangle(matrix, p, None, None);
     whole(&upper, p.m, matrix.exponent)
 }
 
@@ -49,8 +48,7 @@ pub(super) fn update(
             needed[i as usize] = true;
         }
     }
-    let product = times_prolongation(matrix, p, Some(&needed));
-    let upper = upper_triangle(p, &product, Some(changed));
+    let upper = upper_triangle(matrix, p, Some(changed), Some(&needed));
     let mut blocks = upper.column.iter().zip(upper.values.chunks_exact(size));
     for (g, &count) in upper.counts.iter().enumerate() {
         for (&h, block) in blocks.by_ref().take(count as usize) {
@@ -80,65 +78,13 @@ fn write_symmetric(to: &mut [f32], from: &[f32], m: usize) {
     }
 }
 
-/// `A P`, blocks `b × m` by rows.
+/// Some rows of `A P`, blocks `b × m` by rows.
+#[derive(Default)]
 struct Product {
+    /// Start of each row in `column`.
     start: Vec<u32>,
     column: Vec<u32>,
     values: Vec<f32>,
-}
-
-/// The rows of `needed` nodes, or all; the others are empty.
-fn times_prolongation(matrix: &BlockMatrix, p: &Prolongation, needed: Option<&[bool]>) -> Product {
-    let skipped = |i: usize| needed.is_some_and(|needed| !needed[i]);
-    let (nodes, size) = (matrix.nodes(), p.b * p.m);
-    let mut start = vec![0; nodes + 1];
-    tasks::for_each_with(
-        choose_tasks(start[1..].chunks_mut(ROWS), ROWS, needed),
-        || Slots::new(p.coarse_nodes()),
-        |slots, _, (task, counts)| {
-            for (k, count) in counts.iter_mut().enumerate() {
-                if skipped(task * ROWS + k) {
-                    continue;
-                }
-                for &j in &matrix.column[matrix.row(task * ROWS + k)] {
-                    for &g in &p.column[p.row(j as usize)] {
-                        let _ = slots.slot(g);
-                    }
-                }
-                *count = narrow(slots.columns.len());
-                slots.clear();
-            }
-        },
-    );
-    for i in 0..nodes {
-        start[i + 1] += start[i];
-    }
-    let blocks = start[nodes] as usize;
-    let mut column = zeros(blocks);
-    let mut values = zeros(blocks * size + PADDING);
-    let columns = cut(&mut column, nodes, |i| start[i] as usize);
-    let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
-    tasks::for_each_with(
-        choose_tasks(columns.into_iter().zip(parts), ROWS, needed),
-        || Slots::new(p.coarse_nodes()),
-        |slots, _, (task, (columns, values))| {
-            let rows = ProductRows {
-                matrix,
-                p,
-                needed,
-                task,
-                slots,
-                columns,
-                values,
-            };
-            with_sizes!(p, SizedProductRows, rows);
-        },
-    );
-    Product {
-        start,
-        column,
-        values,
-    }
 }
 
 struct ProductRows<'a> {
@@ -147,8 +93,7 @@ struct ProductRows<'a> {
     needed: Option<&'a [bool]>,
     task: usize,
     slots: &'a mut Slots,
-    columns: &'a mut [u32],
-    values: &'a mut [f32],
+    product: &'a mut Product,
 }
 
 struct SizedProductRows<'a, const B: usize, const M: usize, const L: usize>(ProductRows<'a>);
@@ -162,11 +107,11 @@ impl<const B: usize, const M: usize, const L: usize> WideWork for SizedProductRo
             needed,
             task,
             slots,
-            mut columns,
-            mut values,
+            product,
         } = self.0;
         let mut sums: Vec<[[f32; L]; B]> = Vec::new();
         for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
+            product.start.push(narrow(product.column.len()));
             if needed.is_some_and(|needed| !needed[i]) {
                 continue;
             }
@@ -194,18 +139,13 @@ impl<const B: usize, const M: usize, const L: usize> WideWork for SizedProductRo
                     sums[slot] = sum;
                 }
             }
-            let (own, later) = columns.split_at_mut(slots.columns.len());
-            own.copy_from_slice(&slots.columns);
-            columns = later;
-            for sum in &sums {
-                let (block, later) = values.split_at_mut(B * M);
-                values = later;
-                for (to, from) in block.chunks_exact_mut(M).zip(sum) {
-                    to.copy_from_slice(&from[..M]);
-                }
+            product.column.extend_from_slice(&slots.columns);
+            for row in sums.iter().flatten() {
+                product.values.extend_from_slice(&row[..M]);
             }
             slots.clear();
         }
+        product.start.push(narrow(product.column.len()));
     }
 }
 
@@ -221,42 +161,93 @@ struct Upper {
 /// Coarse rows in one task: each reads the blocks of a hundred fine rows.
 const COARSE_ROWS: usize = 16;
 
-/// The rows and columns of `changed` coarse nodes, or all.
-fn upper_triangle(p: &Prolongation, product: &Product, changed: Option<&[bool]>) -> Upper {
+/// Coarse rows whose products are held at a time. Rows of `A P` are made when the first of them
+/// reads one, and dropped after the last.
+const WINDOW: usize = 64 * COARSE_ROWS;
+
+/// The rows and columns of `changed` coarse nodes, or all; `needed` are the fine nodes that these
+/// read.
+fn upper_triangle(
+    matrix: &BlockMatrix,
+    p: &Prolongation,
+    changed: Option<&[bool]>,
+    needed: Option<&[bool]>,
+) -> Upper {
     let nodes = p.coarse_nodes();
-    let tasks = (0..nodes).step_by(COARSE_ROWS);
-    let mut parts: Vec<(usize, Upper)> = choose_tasks(tasks, COARSE_ROWS, changed)
-        .into_iter()
-        .map(|(_, first)| (first, Upper::default()))
-        .collect();
-    tasks::for_each_with(
-        &mut parts,
-        || Slots::new(nodes),
-        |slots, _, (first, upper)| {
-            let rows = CoarseRows {
-                p,
-                product,
-                changed,
-                rows: *first..nodes.min(*first + COARSE_ROWS),
-                slots,
-                upper,
-            };
-            with_sizes!(p, SizedCoarseRows, rows);
-        },
-    );
+    let wanted = |g: usize| changed.is_none_or(|changed| changed[g]);
+    let read = |g: usize| p.coarse_row(g).iter().map(|&[i, _]| i as usize / ROWS);
+    let mut last = vec![0; matrix.nodes().div_ceil(ROWS)];
+    for g in (0..nodes).filter(|&g| wanted(g)) {
+        read(g).for_each(|task| last[task] = g);
+    }
+    let mut products: Vec<Option<Product>> = last.iter().map(|_| None).collect();
     let mut whole = Upper::default();
-    for (first, part) in parts {
-        whole.counts.resize(first, 0);
-        whole.counts.extend(part.counts);
-        whole.column.extend(part.column);
-        whole.values.extend(part.values);
+    for first in (0..nodes).step_by(WINDOW) {
+        let end = nodes.min(first + WINDOW);
+        for task in (first..end).filter(|&g| wanted(g)).flat_map(read) {
+            let _ = products[task].get_or_insert_default();
+        }
+        let new = products
+            .iter_mut()
+            .enumerate()
+            .filter_map(|(task, product)| {
+                let product = product
+                    .as_mut()
+                    .filter(|product| product.start.is_empty())?;
+                Some((task, product))
+            });
+        tasks::for_each_with(
+            new,
+            || Slots::new(nodes),
+            |slots, _, (task, product)| {
+                let rows = ProductRows {
+                    matrix,
+                    p,
+                    needed,
+                    task,
+                    slots,
+                    product,
+                };
+                with_sizes!(p, SizedProductRows, rows);
+            },
+        );
+        let starts = (first..end).step_by(COARSE_ROWS);
+        let mut parts: Vec<(usize, Upper)> = starts.map(|g| (g, Upper::default())).collect();
+        tasks::for_each_with(
+            &mut parts,
+            || Slots::new(nodes),
+            |slots, _, (first, upper)| {
+                let rows = CoarseRows {
+                    p,
+                    products: &products,
+                    changed,
+                    rows: *first..end.min(*first + COARSE_ROWS),
+                    slots,
+                    upper,
+                };
+                with_sizes!(p, SizedCoarseRows, rows);
+            },
+        );
+        for (_, part) in parts {
+            whole.counts.extend(part.counts);
+            whole.column.extend(part.column);
+            whole.values.extend(part.values);
+        }
+        for (product, _) in products
+            .iter_mut()
+            .zip(&last)
+            .filter(|(_, last)| **last < end)
+        {
+            *product = None;
+        }
     }
     whole
 }
 
 struct CoarseRows<'a> {
     p: &'a Prolongation,
-    product: &'a Product,
+    /// Of the tasks of [`ROWS`] rows that are read.
+    products: &'a [Option<Product>],
     changed: Option<&'a [bool]>,
     rows: std::ops::Range<usize>,
     slots: &'a mut Slots,
@@ -270,7 +261,7 @@ impl<const B: usize, const M: usize, const L: usize> WideWork for SizedCoarseRow
     fn run<const FMA: bool>(self) {
         let CoarseRows {
             p,
-            product,
+            products,
             changed,
             rows,
             slots,
@@ -287,9 +278,11 @@ impl<const B: usize, const M: usize, const L: usize> WideWork for SizedCoarseRow
             sums.clear();
             for &[i, q] in p.coarse_row(g) {
                 let left = &p.values[q as usize * B * M..][..B * M + L - M];
-                let row =
-                    product.start[i as usize] as usize..product.start[i as usize + 1] as usize;
-                for at in row {
+                let (task, k) = (i as usize / ROWS, i as usize % ROWS);
+                let Some(product) = &products[task] else {
+                    continue;
+                };
+                for at in product.start[k] as usize..product.start[k + 1] as usize {
                     let h = product.column[at];
                     if (h as usize) < g || skipped(h as usize) {
                         continue;
