@@ -13,13 +13,14 @@ use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
 use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin;
-use crate::linalg::amg::hierarchy::{Levels, Made, failure, level, omega, running};
+use crate::linalg::amg::hierarchy::{Levels, failure, level, omega, running};
 use crate::linalg::amg::inverse_diagonal::invert_node;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::multigrid::{Multigrid, check_lengths};
 use crate::linalg::amg::node_rows::NodeRows;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
+use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::amg::tuning;
@@ -86,14 +87,10 @@ impl Following {
         let finest = if held.len() <= tuning::dense_unknowns() {
             Finest::Small(matrix)
         } else {
-            let Made {
-                level,
-                aggregates,
-                tentative,
-                coarse,
-            } = level(&matrix, &about, &held, settings.spectrum, stop)?;
-            let reached = reach(&rows.nodes, &aggregates, &matrix, &level.p);
-            let near = matrix.only(&reached.needed(&level.p));
+            let made = level(&matrix, &about, &held, settings.spectrum, stop)?;
+            let reached = reach(&rows.nodes, &made.aggregates, &matrix, &made.p);
+            let near = matrix.only(&reached.needed(&made.p));
+            let (level, aggregates, tentative, coarse) = made.level(ScaledBlocks::replace(matrix));
             multigrid.replace(vec![level], Coarsest::none());
             Finest::Large(Box::new(Kept {
                 aggregates,

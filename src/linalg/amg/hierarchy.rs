@@ -38,16 +38,26 @@ pub(super) fn omega(spectrum: f64) -> f64 {
     tuning::omega() / spectrum
 }
 
-/// A level, what it was made of, and the matrix of the next one.
+/// What a level is made of, and the matrix of the next one.
 pub(super) struct Made {
-    pub(super) level: Level,
+    inverse: Vec<f32>,
+    spectrum: f64,
+    pub(super) p: Prolongation,
     pub(super) aggregates: Aggregates,
     pub(super) tentative: Tentative,
     /// `Pᵀ A P`, with zeros for unknowns without a motion.
     pub(super) coarse: BlockMatrix,
 }
 
-/// Makes a level. The motions of `about` count as zero at `held` unknowns. `spectrum` is a bound
+impl Made {
+    /// The level, the aggregates and `T`, and the matrix of the next level.
+    pub(super) fn level(self, matrix: ScaledBlocks) -> (Level, Aggregates, Tentative, BlockMatrix) {
+        let level = Level::new(matrix, self.inverse, self.spectrum, self.p);
+        (level, self.aggregates, self.tentative, self.coarse)
+    }
+}
+
+/// Makes all of a level but its own form of the matrix. The motions of `about` count as zero at `held` unknowns. `spectrum` is a bound
 /// of the eigenvalues of `D⁻¹ A`, if it is known.
 ///
 /// # Errors
@@ -92,7 +102,9 @@ pub(super) fn level(
     running(stop)?;
     let coarse = galerkin(matrix, &p);
     Ok(Made {
-        level: Level::new(ScaledBlocks::new(matrix), inverse, spectrum, p),
+        inverse,
+        spectrum,
+        p,
         aggregates,
         tentative,
         coarse,
@@ -121,10 +133,11 @@ impl Levels {
         while matrix.b * matrix.nodes() > tuning::dense_unknowns() && list.len() < MOST_LEVELS {
             let held = vec![false; matrix.b * matrix.nodes()];
             let made = level(&matrix, &about, &held, None, stop)?;
-            matrix = Cow::Owned(made.coarse);
-            matrix.to_mut().replace_dead(&made.tentative.dead);
-            about = made.aggregates.coarse(&about, made.tentative.coarse);
-            list.push(made.level);
+            let (level, aggregates, tentative, coarse) = made.level(ScaledBlocks::new(&matrix));
+            matrix = Cow::Owned(coarse);
+            matrix.to_mut().replace_dead(&tentative.dead);
+            about = aggregates.coarse(&about, tentative.coarse);
+            list.push(level);
         }
         running(stop)?;
         if matrix.b * matrix.nodes() > 4 * tuning::dense_unknowns() {

@@ -10,6 +10,7 @@ use crate::linalg::amg::hierarchy::{Levels, level};
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
+use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::spectrum::bound;
 use crate::linalg::amg::tuning;
@@ -65,13 +66,13 @@ impl Multigrid {
             Levels::new(&matrix, about, stop)?
         } else {
             let made = level(&matrix, &about, &all, settings.spectrum, stop)?;
-            drop(matrix);
-            let mut coarse = made.coarse;
-            coarse.replace_dead(&made.tentative.dead);
-            let next = made.aggregates.coarse(&about, made.tentative.coarse);
-            drop(about);
+            let (level, aggregates, tentative, mut coarse) =
+                made.level(ScaledBlocks::replace(matrix));
+            coarse.replace_dead(&tentative.dead);
+            let next = aggregates.coarse(&about, tentative.coarse);
+            drop((about, aggregates));
             let mut below = Levels::new(&coarse, next, stop)?;
-            below.list.insert(0, made.level);
+            below.list.insert(0, level);
             below
         };
         let mut whole = Self::empty(n, exponent, settings);

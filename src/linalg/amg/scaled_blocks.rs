@@ -5,6 +5,7 @@
 //! precision would have 2⁻⁹: the smoother sees rigid motions of a few nodes as stiff as the
 //! rounding is, and soft supports need these digits. Mirror images are rounded alike.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
@@ -35,29 +36,53 @@ pub(super) struct ScaledBlocks {
 
 impl ScaledBlocks {
     pub(super) fn new(matrix: &BlockMatrix) -> Self {
-        let (b, nodes, size) = (matrix.b, matrix.nodes(), matrix.b * matrix.b);
-        let mut values = zeros(matrix.column.len() * size + PADDING);
-        let mut exponents = zeros(matrix.column.len());
-        let parts = cut(&mut values, nodes, |i| matrix.start[i] as usize * size);
-        let exponent_parts = cut(&mut exponents, nodes, |i| matrix.start[i] as usize);
-        tasks::for_each(
-            parts.into_iter().zip(exponent_parts),
-            |task, (to, exponents)| {
-                let first = matrix.start[task * ROWS] as usize * size;
-                let from = &matrix.values[first..first + to.len()];
-                let blocks = to.chunks_exact_mut(size).zip(from.chunks_exact(size));
-                for ((to, from), exponent) in blocks.zip(exponents) {
-                    *exponent = write(from, to);
-                }
-            },
-        );
+        let mut made = Self::zeros(matrix);
+        made.write_rows(matrix, 0..matrix.nodes());
+        made
+    }
+
+    /// [`Self::new`], which gives back the memory of the matrix as it goes.
+    pub(super) fn replace(mut matrix: BlockMatrix) -> Self {
+        /// The matrix takes as much at the most beside this part of it.
+        const PARTS: usize = 8;
+        let mut made = Self::zeros(&matrix);
+        let nodes = matrix.nodes();
+        for part in (0..PARTS).rev() {
+            let rows = nodes * part / PARTS..nodes * (part + 1) / PARTS;
+            made.write_rows(&matrix, rows.clone());
+            let left = matrix.start[rows.start] as usize * matrix.b * matrix.b;
+            matrix.values.truncate(left);
+            matrix.values.shrink_to_fit();
+        }
+        made
+    }
+
+    fn zeros(matrix: &BlockMatrix) -> Self {
+        let blocks = matrix.column.len();
         Self {
-            b,
+            b: matrix.b,
             start: Arc::clone(&matrix.start),
             column: Arc::clone(&matrix.column),
-            values,
-            exponent: exponents,
+            values: zeros(blocks * matrix.b * matrix.b + PADDING),
+            exponent: zeros(blocks),
         }
+    }
+
+    fn write_rows(&mut self, matrix: &BlockMatrix, rows: Range<usize>) {
+        let (size, first) = (self.b * self.b, self.start[rows.start] as usize);
+        let place = |i: usize| self.start[rows.start + i] as usize - first;
+        let exponents = cut(&mut self.exponent[first..], rows.len(), place);
+        let parts = cut(&mut self.values[first * size..], rows.len(), |i| {
+            place(i) * size
+        });
+        tasks::for_each(parts.into_iter().zip(exponents), |task, (to, exponents)| {
+            let first = self.start[rows.start + task * ROWS] as usize * size;
+            let from = &matrix.values[first..first + to.len()];
+            let blocks = to.chunks_exact_mut(size).zip(from.chunks_exact(size));
+            for ((to, from), exponent) in blocks.zip(exponents) {
+                *exponent = write(from, to);
+            }
+        });
     }
 
     /// Takes the row of a node from `matrix`, which has it.
