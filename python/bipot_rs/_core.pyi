@@ -72,6 +72,16 @@ _Floats = NDArray[np.float64]
 _Indices = Integers
 # Row pointers, column indices, values.
 _Csr = tuple[_Indices, _Indices, _Floats]
+# As `bodies` returns.
+_Bodies = tuple[
+    _Floats,
+    NDArray[np.int64],
+    _Floats,
+    _Floats,
+    _Floats,
+    NDArray[np.int64],
+    NDArray[np.int64],
+]
 
 build_profile: Final[str]
 largest_friction: Final[float]
@@ -480,6 +490,11 @@ class Primal:
         places: _Floats | None = None,
         has_copies: bool = False,
     ) -> Primal: ...
+    @staticmethod
+    def of_rows(
+        rows: StiffnessRows, contact: _Csr, gap: _Floats, law: ContactLaw
+    ) -> Primal:
+        """The problem in space with `K` of all ``rows``, which are taken."""
     @property
     def bytes(self) -> tuple[int, int]:
         """Bytes of `K` in blocks, and a forecast of the bytes of all else."""
@@ -487,6 +502,18 @@ class Primal:
         """The same bodies and contacts with another law of its contacts."""
     def rotated(self, rotation: _Floats) -> Primal | None:
         """The same bodies and contacts with `Q B` and `Q g`; rows of all `Q`."""
+
+@final
+class StiffnessRows:
+    """`K` of a mesh in space, in parts of its rows."""
+
+    def __new__(
+        cls, places: _Floats, fixed: _Indices, num_threads: int | None = None
+    ) -> StiffnessRows: ...
+    def append(self, part: _Csr, places: _Floats) -> None:
+        """Add the next rows, all of some nodes; ``places`` are coordinates as of `bodies`."""
+    def bodies(self, places: _Floats) -> _Bodies:
+        """As `bodies`, of all rows, once."""
 
 @final
 class PrimalPath:
@@ -930,15 +957,7 @@ def bodies(
     places: _Floats,
     by_node: bool,
     num_threads: int | None = None,
-) -> tuple[
-    _Floats,
-    NDArray[np.int64],
-    _Floats,
-    _Floats,
-    _Floats,
-    NDArray[np.int64],
-    NDArray[np.int64],
-]:
+) -> _Bodies:
     """The bodies of `K`, from the coordinates of its degrees of freedom.
 
     By degree of freedom the force of a dilation, which is zero inside a body, and the body; by

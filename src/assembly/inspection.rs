@@ -29,6 +29,20 @@ pub struct Rows<'a, I> {
     pub by_node: bool,
 }
 
+impl<'a, I> Rows<'a, I>
+where
+    I: Copy,
+    usize: TryFrom<I>,
+{
+    /// Columns and values of a row.
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> + use<'a, I> {
+        let at = |index: I| usize::try_from(index).unwrap_or(usize::MAX);
+        let row = at(self.pointer[row])..at(self.pointer[row + 1]);
+        let columns = self.index[row.clone()].iter().map(move |&j| at(j));
+        columns.zip(self.values[row].iter().copied())
+    }
+}
+
 /// The diagonal of K, zero where it has no entry. Columns of a row ascend.
 ///
 /// # Panics
@@ -71,6 +85,7 @@ pub struct Bodies<const D: usize> {
 }
 
 /// What a row says.
+#[derive(Debug)]
 struct Row {
     outward: f64,
     shear: f64,
@@ -86,86 +101,120 @@ where
     I: Copy + Sync,
     usize: TryFrom<I>,
 {
-    let n = places.len();
+    let mut inspected = InspectedRows::default();
+    inspected.add(k, places);
+    inspected.bodies(places, k.by_node)
+}
+
+/// What the first rows of K say.
+#[derive(Debug, Default)]
+pub struct InspectedRows {
+    rows: Vec<Row>,
+    sets: Union,
+}
+
+/// The node and the component of a degree of freedom.
+fn split<const D: usize>(n: usize, by_node: bool) -> impl Fn(usize) -> (usize, usize) + Copy {
     let count = n / D;
-    let at = |index: I| usize::try_from(index).unwrap_or(usize::MAX);
-    let split = |dof: usize| {
-        if k.by_node {
+    move |dof| {
+        if by_node {
             (dof / D, dof % D)
         } else {
             (dof % count, dof / count)
         }
-    };
-    let entries = |i: usize| {
-        let row = at(k.pointer[i])..at(k.pointer[i + 1]);
-        let columns = k.index[row.clone()].iter().map(|&j| at(j));
-        columns.zip(&k.values[row])
-    };
-    let rows: Vec<Vec<Row>> = tasks::map(0..n.div_ceil(ROWS), |_, task| {
-        let rows = task * ROWS..n.min((task + 1) * ROWS);
-        let rows = rows.map(|i| row(places, i, entries(i), |dof| split(dof).1));
-        rows.collect()
-    });
-    // Each set is led by its smallest member: the parts may be joined in any order.
-    let joined = |rows: Range<usize>| {
-        let mut sets = Union::new(count);
-        for i in rows {
-            let own = split(i).0;
-            let mut last = own;
-            for (j, &value) in entries(i) {
-                let node = split(j).0;
-                if node != last && node > own && value != 0.0 {
-                    sets.join(own, node);
-                    last = node;
-                }
-            }
-        }
-        sets
-    };
-    let parts = rayon::current_num_threads();
-    let sets = tasks::map(0..parts, |_, part| {
-        joined(n * part / parts..n * (part + 1) / parts)
-    });
-    let sets = sets.into_iter().reduce(Union::with).unwrap_or_default();
-    let number = sets.numbers();
-    let bodies = number.iter().max().map_or(0, |last| last + 1);
-    let mut found = Bodies {
-        work: vec![0.0; bodies],
-        low: vec![[f64::INFINITY; D]; bodies],
-        high: vec![[f64::NEG_INFINITY; D]; bodies],
-        all: vec![0; bodies],
-        free: vec![0; bodies],
-        ..Bodies::default()
-    };
-    found.outward.reserve_exact(n);
-    found.body.reserve_exact(n);
-    for (i, row) in rows.into_iter().flatten().enumerate() {
-        let body = number[split(i).0];
-        found.outward.push(row.outward);
-        found.body.push(i64::from(narrow(body)));
-        found.all[body] += 1;
-        if row.free {
-            found.free[body] += 1;
-            found.work[body] -= 0.5 * row.shear;
-        }
-        for (l, &x) in places[i].iter().enumerate() {
-            found.low[body][l] = found.low[body][l].min(x);
-            found.high[body][l] = found.high[body][l].max(x);
-        }
     }
-    found
 }
 
-fn row<'a, const D: usize>(
+impl InspectedRows {
+    /// Looks at the next rows; `places` are the coordinates of all degrees of freedom.
+    ///
+    /// # Panics
+    /// As [`bodies`].
+    pub fn add<I, const D: usize>(&mut self, k: Rows<'_, I>, places: &[[f64; D]])
+    where
+        I: Copy + Sync,
+        usize: TryFrom<I>,
+    {
+        let (first, own) = (self.rows.len(), k.pointer.len() - 1);
+        let (count, split) = (places.len() / D, split::<D>(places.len(), k.by_node));
+        let entries = |i: usize| k.row(i);
+        let rows: Vec<Vec<Row>> = tasks::map(0..own.div_ceil(ROWS), |_, task| {
+            let rows = task * ROWS..own.min((task + 1) * ROWS);
+            let rows = rows.map(|i| row(places, first + i, entries(i), |dof| split(dof).1));
+            rows.collect()
+        });
+        self.rows.extend(rows.into_iter().flatten());
+        // Each set is led by its smallest member: the parts may be joined in any order.
+        let joined = |rows: Range<usize>| {
+            let mut sets = Union::new(count);
+            for i in rows {
+                let own = split(first + i).0;
+                let mut last = own;
+                for (j, value) in entries(i) {
+                    let node = split(j).0;
+                    if node != last && node > own && value != 0.0 {
+                        sets.join(own, node);
+                        last = node;
+                    }
+                }
+            }
+            sets
+        };
+        let parts = rayon::current_num_threads();
+        let sets = tasks::map(0..parts, |_, part| {
+            joined(own * part / parts..own * (part + 1) / parts)
+        });
+        let before = (first > 0).then(|| std::mem::take(&mut self.sets));
+        let sets = before.into_iter().chain(sets).reduce(Union::with);
+        self.sets = sets.unwrap_or_default();
+    }
+
+    /// The bodies of K, of which all rows are known.
+    ///
+    /// # Panics
+    /// If `places` is longer than K.
+    pub fn bodies<const D: usize>(self, places: &[[f64; D]], by_node: bool) -> Bodies<D> {
+        let (n, split) = (places.len(), split::<D>(places.len(), by_node));
+        let number = self.sets.numbers();
+        let bodies = number.iter().max().map_or(0, |last| last + 1);
+        let mut found = Bodies {
+            work: vec![0.0; bodies],
+            low: vec![[f64::INFINITY; D]; bodies],
+            high: vec![[f64::NEG_INFINITY; D]; bodies],
+            all: vec![0; bodies],
+            free: vec![0; bodies],
+            ..Bodies::default()
+        };
+        found.outward.reserve_exact(n);
+        found.body.reserve_exact(n);
+        for (i, row) in self.rows.into_iter().enumerate() {
+            let body = number[split(i).0];
+            found.outward.push(row.outward);
+            found.body.push(i64::from(narrow(body)));
+            found.all[body] += 1;
+            if row.free {
+                found.free[body] += 1;
+                found.work[body] -= 0.5 * row.shear;
+            }
+            for (l, &x) in places[i].iter().enumerate() {
+                found.low[body][l] = found.low[body][l].min(x);
+                found.high[body][l] = found.high[body][l].max(x);
+            }
+        }
+        found
+    }
+}
+
+fn row<const D: usize>(
     places: &[[f64; D]],
     i: usize,
-    entries: impl Iterator<Item = (usize, &'a f64)>,
+    entries: impl Iterator<Item = (usize, f64)>,
     component: impl Fn(usize) -> usize,
 ) -> Row {
     let (own, here) = (component(i), places[i]);
     let (mut sums, mut size) = ([0.0; D], 0.0);
     let (mut force, mut terms, mut shear) = (0.0, 0.0, 0.0);
-    for (j, &value) in entries {
+    for (j, value) in entries {
         let (a, x) = (component(j), &places[j]);
         sums[a] += value;
         size += value.abs();

@@ -30,6 +30,7 @@ pub mod own_nodes;
 pub mod path;
 mod preconditioner;
 pub mod problem;
+pub mod stiffness_rows;
 mod supports;
 pub mod tangent;
 pub mod transformation;

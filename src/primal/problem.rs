@@ -4,7 +4,6 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use crate::bodies::basis::{motions_of_nodes, translations_of_nodes};
-use crate::bodies::connected;
 use crate::condensation::condense::ProblemArrays;
 use crate::error::Error;
 use crate::law::cone::Status;
@@ -19,12 +18,13 @@ use crate::linalg::compensated::Sum;
 use crate::linalg::parallel::zero_where;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::{Index, narrow};
-use crate::linalg::sparse::rows::OwnedMatrix;
+use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::interface::Interface;
 use crate::primal::nodes::Nodes;
 use crate::primal::own_nodes::AboutNodes;
+use crate::primal::stiffness_rows::StiffnessRows;
 use crate::primal::supports::{self, Motions, Supports};
 use crate::primal::tangent::Tangent;
 use crate::primal::tuning;
@@ -42,14 +42,14 @@ pub struct Stiffness {
     pub free: Vec<bool>,
     pub fixed: Vec<usize>,
     /// Number of each prescribed degree of freedom.
-    position: Vec<Option<usize>>,
+    pub(super) position: Vec<Option<usize>>,
     /// Columns of `K` at the prescribed degrees of freedom; rows of free ones only.
-    coupling: OwnedMatrix,
-    spectrum: OnceLock<Option<f64>>,
+    pub(super) coupling: OwnedMatrix,
+    pub(super) spectrum: OnceLock<Option<f64>>,
     /// The matrix in single precision that gave the spectrum, for the first hierarchy.
-    single: Mutex<Option<BlockMatrix>>,
+    pub(super) single: Mutex<Option<BlockMatrix>>,
     /// Near-null vectors if there are no coordinates.
-    motions: Option<Vec<f64>>,
+    pub(super) motions: Option<Vec<f64>>,
     pub(super) supports: Supports,
 }
 
@@ -66,6 +66,38 @@ impl Stiffness {
             }
             bound
         })
+    }
+
+    /// Gives the rows of `K`: columns ascend, with the zeros of its blocks, and without the
+    /// entries between prescribed degrees of freedom.
+    pub(super) fn rows(&self) -> impl Fn(usize) -> Vec<(usize, f64)> + Sync {
+        let (b, place) = (self.matrix.block_size(), &self.nodes.place);
+        let mut dof = vec![0; place.len()];
+        for (i, &at) in (0..).zip(place) {
+            dof[at as usize] = i;
+        }
+        let mut beside: Vec<(usize, usize, f64)> = Vec::new();
+        for (p, &j) in self.fixed.iter().enumerate() {
+            beside.extend(self.coupling.entries(p).map(|(i, value)| (i, j, value)));
+        }
+        beside.sort_unstable_by_key(|&(i, j, _)| (i, j));
+        move |i| {
+            if let Some(p) = self.position[i] {
+                return self.coupling.entries(p).collect();
+            }
+            let first = beside.partition_point(|&(other, ..)| other < i);
+            let own = beside[first..]
+                .iter()
+                .take_while(|&&(other, ..)| other == i);
+            let mut row: Vec<(usize, f64)> = own.map(|&(_, j, value)| (j, value)).collect();
+            let at = place[i] as usize;
+            self.matrix.for_each_block(at / b, |node, block| {
+                let own = (0..b).map(|c| (dof[b * node + c], block[b * c + at % b]));
+                row.extend(own.filter(|&(j, _)| self.position[j].is_none()));
+            });
+            row.sort_unstable_by_key(|&(j, _)| j);
+            row
+        }
     }
 
     /// The matrix in single precision.
@@ -118,10 +150,7 @@ impl<const D: usize> Primal<D> {
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let n = given.stiffness.n();
-        given.contact.check("B", D * given.gap.len(), n)?;
-        check_finite("gap", given.gap.as_flattened())?;
-        contact_law::check(given.law, given.gap.len())?;
-        let position = connected::positions("fixed", given.fixed, n)?;
+        check_contacts(&given.contact, given.gap, given.law, n)?;
         let _ = given.stiffness.check_symmetry()?;
         if let Some(places) = given.places {
             check_length("coordinates", places.len(), n)?;
@@ -129,49 +158,42 @@ impl<const D: usize> Primal<D> {
         }
         let contact = given.contact.select(Some);
         let nodes = Nodes::new::<D>(n, given.places, &contact)?;
+        let count = nodes.count;
         let _ = narrow(given.stiffness.row_idx().len());
-        let mut free = vec![false; n];
-        let mut place = nodes.place.clone();
-        for (dof, at) in place.iter_mut().enumerate() {
-            if position[dof].is_some() {
-                *at = u32::MAX;
-            } else {
-                free[*at as usize] = true;
-            }
-        }
-        let matrix = SymmetricBlocks::new(&given.stiffness, &place, nodes.count, D);
-        let bodies = matrix.connected();
-        let supports = match &nodes.coordinates {
+        let mut rows = StiffnessRows::new(nodes, given.fixed)?;
+        rows.append(count, |dof| given.stiffness.column(dof));
+        Self::of_rows(
+            rows,
+            contact,
+            (given.gap, given.law),
+            elliptic,
+            has_copies,
+            stop,
+        )
+    }
+
+    /// The problem with `K` of these rows, which is bitwise symmetric, and the rows of `B`.
+    ///
+    /// # Errors
+    /// As [`Primal::new`].
+    pub fn of_rows(
+        rows: StiffnessRows,
+        contact: OwnedMatrix,
+        (gap, law): (&[[f64; D]], &[ContactLaw]),
+        elliptic: Option<&EllipticScaling>,
+        has_copies: bool,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let mut stiffness = rows.finish()?;
+        let bodies = stiffness.matrix.connected();
+        if let Some(at) = &stiffness.nodes.coordinates {
+            let motions = Motions {
+                values: &motions_of_nodes(at, D),
+                bodies: &bodies,
+            };
+            stiffness.supports = supports::check::<D>(&stiffness, &contact, motions, has_copies)?;
+        } else {
             // Which rotations are soft is not known.
-            None => Supports::default(),
-            Some(at) => {
-                let motions = Motions {
-                    values: &motions_of_nodes(at, D),
-                    bodies: &bodies,
-                };
-                supports::check::<D, I>(
-                    &given.stiffness,
-                    &contact,
-                    &nodes,
-                    motions,
-                    &position,
-                    has_copies,
-                )?
-            }
-        };
-        let mut stiffness = Stiffness {
-            matrix,
-            nodes,
-            free,
-            fixed: given.fixed.to_vec(),
-            coupling: connected::columns(&given.stiffness, given.fixed, &position),
-            position,
-            spectrum: OnceLock::new(),
-            single: Mutex::new(None),
-            motions: None,
-            supports,
-        };
-        if stiffness.nodes.coordinates.is_none() {
             let spectrum = stiffness.spectrum();
             let single = stiffness.single();
             let motions = motions_of(&stiffness.matrix, &single, bodies, spectrum, stop)?;
@@ -181,8 +203,8 @@ impl<const D: usize> Primal<D> {
             Arc::new(stiffness),
             Arc::new(contact),
             elliptic,
-            elliptic.map_or_else(|| given.gap.to_vec(), |scaling| scaling.times(given.gap)),
-            given.law.to_vec(),
+            elliptic.map_or_else(|| gap.to_vec(), |scaling| scaling.times(gap)),
+            law.to_vec(),
         )
     }
 
@@ -485,32 +507,12 @@ impl<const D: usize> Primal<D> {
     /// `K` by rows, with the zeros of its blocks and without the entries between prescribed
     /// degrees of freedom.
     pub fn stiffness_by_rows(&self) -> OwnedMatrix {
-        let known = &self.stiffness;
-        let n = self.order();
-        let mut dof = vec![0; n];
-        for (i, &at) in known.nodes.place.iter().enumerate() {
-            dof[at as usize] = i;
-        }
-        let mut beside = vec![Vec::new(); n];
-        for (p, &j) in known.fixed.iter().enumerate() {
-            for (i, value) in known.coupling.entries(p) {
-                beside[i].push((j, value));
+        let (row, mut out) = (self.stiffness.rows(), OwnedMatrix::default());
+        for i in 0..self.order() {
+            for (j, value) in row(i) {
+                out.index.push(j);
+                out.values.push(value);
             }
-        }
-        let mut out = OwnedMatrix::default();
-        for (i, mut row) in beside.into_iter().enumerate() {
-            if let Some(p) = known.position[i] {
-                row.extend(known.coupling.entries(p));
-            } else {
-                let at = known.nodes.place[i] as usize;
-                known.matrix.for_each_block(at / D, |node, block| {
-                    let own = (0..D).map(|c| (dof[D * node + c], block[D * c + at % D]));
-                    row.extend(own.filter(|&(j, _)| known.position[j].is_none()));
-                });
-            }
-            row.sort_unstable_by_key(|&(j, _)| j);
-            out.index.extend(row.iter().map(|&(j, _)| j));
-            out.values.extend(row.iter().map(|&(_, value)| value));
             out.pointer.push(out.index.len());
         }
         out
@@ -534,6 +536,21 @@ impl<const D: usize> Primal<D> {
         self.contacts.frames.to_local(&mut y);
         y
     }
+}
+
+/// Refuses contacts that do not fit together, or not to `n` degrees of freedom.
+///
+/// # Errors
+/// Wrong arguments, each naming the place.
+pub fn check_contacts<const D: usize>(
+    contact: &Rows<'_>,
+    gap: &[[f64; D]],
+    law: &[ContactLaw],
+    n: usize,
+) -> Result<(), Error> {
+    contact.check("B", D * gap.len(), n)?;
+    check_finite("gap", gap.as_flattened())?;
+    contact_law::check(law, gap.len())
 }
 
 /// Near-null vectors from `K` alone. Supports must hold each body: whether contact can hold one,

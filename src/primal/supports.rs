@@ -3,16 +3,15 @@
 //! This engine has no amounts of rigid motions. A motion that nothing resists would be decided
 //! by rounding, so that such problems are refused: the direct engine names the motion.
 
-use rayon::prelude::*;
-
 use crate::bodies::holding::{Holding, MOST_LOOSE};
 use crate::bodies::resistance::measure_resistance;
 use crate::bodies::tuning::spring_force;
 use crate::error::Error;
 use crate::linalg::small::norm;
-use crate::linalg::sparse::csc::{Index, Symmetric};
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::nodes::Nodes;
+use crate::primal::problem::Stiffness;
+use crate::tasks;
 
 /// Rigid motions, `m` at each place, and the body of each node: nodes whose free degrees of
 /// freedom are coupled.
@@ -69,31 +68,31 @@ impl LooseBodies {
     }
 }
 
-/// Checks that nothing can move freely. `position` is the number of each prescribed degree of
-/// freedom. With copies of displacements, springs of the body are weaker than those of the
+/// Checks that nothing can move freely. With copies of displacements, springs of the body are weaker than those of the
 /// copies, and nothing but that is new: this was checked without copies.
 ///
 /// # Errors
 /// [`Error::NotIterative`].
-pub(super) fn check<const D: usize, I: Index>(
-    stiffness: &Symmetric<'_, I>,
+pub(super) fn check<const D: usize>(
+    stiffness: &Stiffness,
     contact: &OwnedMatrix,
-    nodes: &Nodes,
     motions: Motions<'_>,
-    position: &[Option<usize>],
     has_copies: bool,
 ) -> Result<Supports, Error> {
+    let (nodes, position) = (&stiffness.nodes, &stiffness.position);
     let m = motions.values.len() / (D * nodes.count).max(1);
     let of = |dof: usize| &motions.values[nodes.place[dof] as usize * m..][..m];
     let body = |dof: usize| motions.bodies[nodes.place[dof] as usize / D] as usize;
     let mut holding = hold_single_nodes::<D>(motions.bodies, m);
     let mut firm = holding.clone();
-    let diagonal = stiffness.diagonal();
+    let diagonal = |dof: usize| {
+        let (node, component) = (nodes.place[dof] as usize / D, nodes.place[dof] as usize % D);
+        stiffness.matrix.diagonal_block(node)[component * (D + 1)]
+    };
     // A prescribed degree of freedom holds the bodies that it is coupled with.
-    for dof in (0..position.len()).filter(|&dof| position[dof].is_some()) {
-        let coupled = stiffness.column(dof);
-        let coupled = coupled.filter(|&(other, k)| k != 0.0 && position[other].is_none());
-        let coupled = coupled.map(|(other, k)| (body(other), k.abs() / diagonal[other]));
+    for (dof, p) in (0..position.len()).filter_map(|dof| Some((dof, position[dof]?))) {
+        let coupled = stiffness.coupling.entries(p).filter(|&(_, k)| k != 0.0);
+        let coupled = coupled.map(|(other, k)| (body(other), k.abs() / diagonal(other)));
         let mut bodies: Vec<(usize, f64)> = coupled.collect();
         bodies.sort_by_key(|&(body, _)| body);
         for coupling in bodies.chunk_by(|(a, _), (b, _)| a == b) {
@@ -119,16 +118,14 @@ pub(super) fn check<const D: usize, I: Index>(
     if loose.is_empty() {
         return Ok(held);
     }
-    let springs: Vec<(usize, Vec<f64>)> = (0..stiffness.n())
-        .into_par_iter()
-        .with_min_len(1 << 12)
-        .filter(|&dof| position[dof].is_none() && loose.binary_search(&body(dof)).is_ok())
-        .filter_map(|dof| {
-            let forces = measure_resistance(stiffness.column(dof), m, |other, k| of(other)[k], 1.0);
-            forces.map(|forces| (dof, forces))
-        })
-        .collect();
-    for (dof, forces) in springs {
+    let row = stiffness.rows();
+    let springs = tasks::collect(position.len(), |dof| {
+        let free = position[dof].is_none() && loose.binary_search(&body(dof)).is_ok();
+        let entries = free.then(|| row(dof).into_iter())?;
+        let forces = measure_resistance(entries, m, |other, k| of(other)[k], 1.0)?;
+        Some((dof, forces))
+    });
+    for (dof, forces) in springs.into_iter().flatten() {
         if !has_copies && forces.iter().all(|force| force.abs() < spring_force()) {
             return Err(Error::NotIterative {
                 reason: "the stiffness has few digits, or weak springs, and supports do not hold \

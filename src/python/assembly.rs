@@ -203,9 +203,11 @@ macro_rules! of_rows {
     }};
 }
 
+pub(super) use of_rows;
+
 /// Forces of a dilation and bodies by degree of freedom; by body the work of shears, least and
 /// greatest coordinates, and numbers of all and of free degrees of freedom.
-type BodiesOutput<'py> = (
+pub(super) type BodiesOutput<'py> = (
     NewVector<'py>,
     NewIndices<'py>,
     NewVector<'py>,
@@ -242,6 +244,13 @@ fn bodies_in<'py, const D: usize>(
     let found = of_rows!(stiffness, by_node, k => {
         interrupt::run(py, num_threads, |_| inspect(&k, places))?
     });
+    bodies_output(py, found)
+}
+
+pub(super) fn bodies_output<const D: usize>(
+    py: Python<'_>,
+    found: Bodies<D>,
+) -> PyResult<BodiesOutput<'_>> {
     Ok((
         arrays::from_vec(py, found.outward),
         PyArray1::from_vec(py, found.body),
@@ -262,7 +271,8 @@ pub(super) fn diagonal<'py>(
 ) -> PyResult<NewVector<'py>> {
     let diagonal = of_rows!(&stiffness, true, k => {
         interrupt::run(py, num_threads, |_| {
-            check_rows(&k, k.pointer.len().saturating_sub(1))?;
+            let n = k.pointer.len().saturating_sub(1);
+            check_rows(&k, n, n)?;
             Ok(inspection::diagonal(&k))
         })?
     });
@@ -279,26 +289,28 @@ where
 {
     let n = places.len();
     arrays::length("coordinates", n, n / D * D)?;
-    check_rows(k, n)?;
+    check_rows(k, n, n)?;
     Ok(inspection::bodies(*k, places))
 }
 
-/// Checks that the arrays are those of a square matrix of `n` rows.
-fn check_rows<I: Copy + Sync>(k: &Rows<'_, I>, n: usize) -> Result<(), Error>
+/// Checks that the arrays are those of a matrix of so many `rows` and `n` columns.
+pub(super) fn check_rows<I: Copy + Sync>(
+    k: &Rows<'_, I>,
+    rows: usize,
+    n: usize,
+) -> Result<(), Error>
 where
     usize: TryFrom<I>,
 {
     let at = |i: I| usize::try_from(i).unwrap_or(usize::MAX);
-    arrays::length("row pointers of K", k.pointer.len(), n + 1)?;
+    arrays::length("row pointers of K", k.pointer.len(), rows + 1)?;
     arrays::length("values of K", k.values.len(), k.index.len())?;
     let rise = k.pointer.windows(2).all(|pair| at(pair[0]) <= at(pair[1]));
-    let last = k
-        .pointer
-        .last()
-        .is_some_and(|&last| at(last) == k.index.len());
+    let ends = [k.pointer.first(), k.pointer.last()].map(|end| end.map(|&end| at(end)));
+    let whole = ends == [Some(0), Some(k.index.len())];
     let within = |_: usize, part: &[I]| part.iter().all(|&j| at(j) < n);
     let inside = tasks::map(k.index.chunks(1 << 16), within);
-    if rise && last && inside.iter().all(|&inside| inside) {
+    if rise && whole && inside.iter().all(|&inside| inside) {
         Ok(())
     } else {
         Err(Error::SparseStructure { what: "K", row: 0 })

@@ -32,6 +32,7 @@ mod reduced_arrays;
 mod solution;
 mod solver;
 mod stats;
+mod stiffness_rows;
 mod tangent;
 
 use pyo3::prelude::*;
@@ -79,6 +80,8 @@ mod _core {
     use super::solver::{check_settings, is_sparse, isotropic, project, threads};
     #[pymodule_export]
     use super::stats::{PyForecast, PyStats};
+    #[pymodule_export]
+    use super::stiffness_rows::PyStiffnessRows;
     #[pymodule_export]
     use super::tangent::{PyTangentSystem, PyTangentView};
 

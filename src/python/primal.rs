@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::csc::{Index, Symmetric};
 use crate::primal::path::PrimalPath;
-use crate::primal::problem::Primal;
+use crate::primal::problem::{Primal, check_contacts};
 use crate::python::arrays::{self, Csr, CsrArrays, Indices, LawArrays, Matrix, NewVector, Vector};
 use crate::python::condensed_arrays::Loads;
 use crate::python::dimension::{Dimension, for_either, map_either};
@@ -18,6 +18,7 @@ use crate::python::interrupt;
 use crate::python::load_path::{ContactArrays, state_of_contacts};
 use crate::python::solution::PyNewtonStep;
 use crate::python::solver::settings;
+use crate::python::stiffness_rows::PyStiffnessRows;
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::memory::Budget;
 use crate::reduced::rotation::Rotation;
@@ -163,6 +164,37 @@ impl PyPrimal {
             asked.make(py, &gap, num_threads)?
         });
         Ok(Self { kind })
+    }
+
+    #[staticmethod]
+    fn of_rows<'py>(
+        py: Python<'py>,
+        rows: &mut PyStiffnessRows,
+        contact: Csr<'py>,
+        gap: Matrix<'py>,
+        law: LawArrays<'py>,
+    ) -> PyResult<Self> {
+        let ((law, elliptic), num_threads) = (law.read(3)?, rows.num_threads);
+        let (gap, contact) = (
+            arrays::rows(&gap)?,
+            CsrArrays::new(&contact, "B", num_threads)?,
+        );
+        let known = rows
+            .rows
+            .take()
+            .ok_or(Error::SparseStructure { what: "K", row: 0 })?;
+        let problem = interrupt::run(py, num_threads, |stop| {
+            check_contacts(&contact.rows(), gap, &law, known.known())?;
+            let contact = contact.rows().select(Some);
+            Primal::of_rows(known, contact, (gap, &law), elliptic.as_ref(), false, stop)
+        })?;
+        Ok(Self {
+            kind: Dimension::Space(PrimalArrays {
+                problem: Arc::new(problem),
+                elliptic,
+                num_threads,
+            }),
+        })
     }
 
     fn with_law(&self, law: LawArrays<'_>) -> PyResult<Self> {

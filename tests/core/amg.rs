@@ -7,7 +7,7 @@ use bipot_rs::linalg::amg::multigrid::Multigrid;
 use bipot_rs::linalg::amg::nodes::LevelNodes;
 use bipot_rs::linalg::amg::scaled_blocks::{two_to, write};
 use bipot_rs::linalg::amg::settings::CycleSettings;
-use bipot_rs::linalg::amg::symmetric_blocks::SymmetricBlocks;
+use bipot_rs::linalg::amg::symmetric_blocks::{SymmetricBlocks, UpperBlocks};
 use bipot_rs::linalg::conjugate_gradients;
 use bipot_rs::linalg::flexible_gmres::{self, Limits};
 use bipot_rs::linalg::parallel::norm;
@@ -21,7 +21,9 @@ const TOL: f64 = 1e-12;
 
 fn blocks(body: &Assembled) -> SymmetricBlocks {
     let place: Vec<u32> = (0..u32::try_from(body.n()).unwrap()).collect();
-    SymmetricBlocks::new(&body.view(), &place, body.nodes(), body.dim)
+    let mut rows = UpperBlocks::new(place, body.nodes(), body.dim);
+    rows.append(body.nodes(), |dof| body.view().column(dof));
+    SymmetricBlocks::new(rows, 1.0)
 }
 
 fn about(body: &Assembled) -> LevelNodes {

@@ -28,6 +28,7 @@ from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine
 from bipot_rs.contact.path.load_path import PathProblem, PathSolver, show_progress
 from bipot_rs.contact.path.load_steps import Held, Loading, last_step
+from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.path.prepared import PreparedStiffness, StiffnessOptions
 from bipot_rs.contact.reduced import ReducedProblem
@@ -192,7 +193,7 @@ class ContactProblem:
 
     def __init__(
         self,
-        K: MatrixLike,
+        K: MatrixLike | MeshStiffness,
         B: MatrixLike,
         *,
         gap: ArrayLike,
@@ -221,7 +222,11 @@ class ContactProblem:
     ) -> None:
         # `fem` has supports that K and B do not contain, and knows the number of steps, and
         # the rigid motions of reference points.
-        stiffness, operator = matrices(K, B)
+        stiffness: Csr | MeshStiffness
+        if isinstance(K, MeshStiffness):
+            stiffness, operator = K, csr("B", B)
+        else:
+            stiffness, operator = matrices(K, B)
         n = stiffness.shape[0]
         self.contacts = Contacts.check(
             operator,
@@ -255,14 +260,16 @@ class ContactProblem:
             latched=_latches is not None,
         )
         latches = None
-        if _latches is not None:
+        if _latches is not None and isinstance(stiffness, Csr):
             rows = stiffness.matrix[_latches[0] + 1]
             latches = Latches(*_latches, options.fixed, rows)
         self.loading = Loading.check(
             n, len(options.fixed), self.contacts, loads, gaps, _held, latches
         )
         callback("on_forecast", on_forecast)
-        restored, digits = options.restore(stiffness)
+        restored, digits = stiffness, None
+        if isinstance(stiffness, Csr):
+            restored, digits = options.restore(stiffness)
         self.remarks = self._examine(restored, options)
         self.stiffness = PreparedStiffness(
             restored, digits, self.contacts, options, self.loading.loads, on_forecast
@@ -867,7 +874,9 @@ class ContactProblem:
             self.loading = replace(self.loading, latches=latches)
         self.remarks = remarks
 
-    def _examine(self, stiffness: Csr, options: StiffnessOptions) -> ProblemRemarks:
+    def _examine(
+        self, stiffness: Csr | MeshStiffness, options: StiffnessOptions
+    ) -> ProblemRemarks:
         """Warnings about the arrays."""
         contacts = self.contacts
         return examine_arrays(
@@ -876,7 +885,7 @@ class ContactProblem:
             contacts.x,
             # With inclined supports and of a body of revolution it has no rigid motions in the
             # plane to compare with.
-            stiffness
+            (stiffness if isinstance(stiffness, Csr) else stiffness.bodies)
             if self.loading.held is None and options.kinematics is None
             else None,
             options.places,

@@ -76,6 +76,18 @@ class Case:
         """The same without K, if ``problem`` does not need it: see `Assembly.released`."""
         return replace(self, model=self.model.released(problem))
 
+    def with_stiffness(self, engine: str | None = None) -> Case:
+        """The same with K, unless the engine that will solve reads it in parts."""
+        engine = self._engine(engine)
+        if self.model.K is not None or self.model.reads_parts(engine, self._steps()):
+            return self
+        return replace(self, model=self.model.with_stiffness())
+
+    def _engine(self, engine: str | None) -> str:
+        if engine is not None:
+            return engine
+        return "auto" if self.scene is None else self.scene.solver.engine
+
     def problem(
         self,
         *,
@@ -96,8 +108,7 @@ class Case:
             A body can move without deforming supports or contacts; the message says
             which body and how.
         """
-        if engine is None:
-            engine = "auto" if self.scene is None else self.scene.solver.engine
+        engine = self._engine(engine)
         if engine == "petsc":
             raise ValueError(
                 "engine is 'petsc', which solves scenes by bipot run, under mpirun for "

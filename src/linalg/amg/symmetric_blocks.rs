@@ -15,7 +15,7 @@ use crate::linalg::pages::zeros;
 use crate::linalg::parallel::largest;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::real::Real;
-use crate::linalg::sparse::csc::{Index, Symmetric, narrow};
+use crate::linalg::sparse::csc::narrow;
 use crate::linalg::union::Union;
 use crate::tasks;
 
@@ -87,27 +87,23 @@ impl<'a> StoredBlock<'a> {
 }
 
 impl SymmetricBlocks {
-    /// The matrix of a symmetric `k` whose degree of freedom `i` is component `place[i] % b` of
-    /// node `place[i] / b`, or is left out if `place[i]` is [`ABSENT`]. Of two blocks that mirror
-    /// each other, the one in the row of the lower node is read.
+    /// The matrix of all rows of `upper`.
     ///
     /// A component that no degree of freedom has is held: its row is that of the diagonal, with
-    /// a number of the size of the other diagonals.
-    ///
-    /// # Panics
-    /// If `place` has not one entry for each row of `k`, or names a node that does not exist.
-    pub fn new<I: Index>(k: &Symmetric<'_, I>, place: &[u32], nodes: usize, b: usize) -> Self {
-        assert_eq!(place.len(), k.n());
-        let mut dof = vec![ABSENT; nodes * b];
-        for (i, &at) in place.iter().enumerate() {
-            if at != ABSENT {
-                dof[at as usize] = narrow(i);
-            }
-        }
-        let (upper, of_upper) = pattern(k, place, &dof, b);
-        let values = blocks(k, place, &dof, b, (&upper, &of_upper));
+    /// a number of the size of the other diagonals, the mean of its node or else `mean`.
+    pub fn new(upper: UpperBlocks, mean: f64) -> Self {
+        let UpperBlocks {
+            b,
+            dof,
+            start: upper,
+            column: of_upper,
+            mut values,
+            ..
+        } = upper;
+        values.resize(of_upper.len() * b * b + PADDING, 0.0);
+        values.shrink_to_fit();
         let (start, column) = both_halves(&upper, &of_upper);
-        let (parts, target) = choose_parts(&upper, &of_upper);
+        let (parts, target) = choose_parts(&upper, of_upper);
         let mut matrix = Self {
             b,
             start: Arc::new(start),
@@ -118,19 +114,13 @@ impl SymmetricBlocks {
             target,
             held: dof.iter().map(|&dof| dof == ABSENT).collect(),
         };
-        matrix.fill_absent(k);
+        matrix.fill_absent(mean);
         matrix
     }
 
-    /// Gives absent unknowns the mean diagonal of their node, else of the whole matrix.
-    fn fill_absent<I: Index>(&mut self, k: &Symmetric<'_, I>) {
+    /// Gives absent unknowns the mean diagonal of their node, else `mean`.
+    fn fill_absent(&mut self, mean: f64) {
         let b = self.b;
-        if !self.held.contains(&true) {
-            return;
-        }
-        let diagonal = k.diagonal();
-        #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let mean = diagonal.iter().sum::<f64>() / diagonal.len().max(1) as f64;
         let mean = if mean > 0.0 { mean } else { 1.0 };
         for i in 0..self.nodes() {
             let absent = &self.held[b * i..b * (i + 1)];
@@ -431,87 +421,135 @@ impl<const B: usize> WideWork for PartOfBlocks<'_, B> {
     }
 }
 
-/// Starts and columns of the blocks of each row from the diagonal on.
-fn pattern<I: Index>(
-    k: &Symmetric<'_, I>,
-    place: &[u32],
-    dof: &[u32],
+/// The blocks of rows from the diagonal on, of a matrix that comes in parts of its rows: the
+/// whole of its entries is never in memory.
+#[derive(Clone, Debug)]
+pub struct UpperBlocks {
     b: usize,
-) -> (Vec<u32>, Vec<u32>) {
-    let nodes = dof.len() / b;
-    let parts = tasks::map(0..nodes.div_ceil(ROWS), |_, task| {
-        let (mut counts, mut columns, mut row) = (Vec::new(), Vec::new(), Vec::new());
-        for i in task * ROWS..nodes.min((task + 1) * ROWS) {
-            row.clear();
-            row.push(narrow(i));
-            for &dof in dof[b * i..b * (i + 1)].iter().filter(|&&dof| dof != ABSENT) {
-                for (j, _) in k.column(dof as usize) {
-                    let node = place[j] / narrow(b);
-                    // The components of a node usually follow one another.
-                    if place[j] != ABSENT && node as usize > i && row.last() != Some(&node) {
-                        row.push(node);
-                    }
-                }
-            }
-            row.sort_unstable();
-            row.dedup();
-            counts.push(narrow(row.len()));
-            columns.extend_from_slice(&row);
-        }
-        (counts, columns)
-    });
-    let mut start = vec![0];
-    let mut column = Vec::with_capacity(parts.iter().map(|(_, columns)| columns.len()).sum());
-    let mut sum = 0;
-    for (counts, columns) in parts {
-        for count in counts {
-            sum += count;
-            start.push(sum);
-        }
-        column.extend(columns);
-    }
-    (start, column)
+    /// The place of each degree of freedom, and the degree of freedom at each place.
+    place: Vec<u32>,
+    dof: Vec<u32>,
+    /// Start of each row that is known in `column`.
+    start: Vec<u32>,
+    column: Vec<u32>,
+    /// Each block by columns.
+    values: Vec<f64>,
 }
 
-/// Values of the blocks of each row from the diagonal on.
-fn blocks<I: Index>(
-    k: &Symmetric<'_, I>,
-    place: &[u32],
-    dof: &[u32],
-    b: usize,
-    (start, column): (&[u32], &[u32]),
-) -> Vec<f64> {
-    let (nodes, size) = (dof.len() / b, b * b);
-    let mut values = zeros(column.len() * size + PADDING);
-    let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
-    tasks::for_each(parts, |task, part| {
-        for i in task * ROWS..nodes.min((task + 1) * ROWS) {
-            let row = start[i] as usize..start[i + 1] as usize;
-            let from = (row.start - start[task * ROWS] as usize) * size;
-            let columns = &column[row];
-            for (r, &dof) in dof[b * i..b * (i + 1)].iter().enumerate() {
-                if dof == ABSENT {
-                    continue;
-                }
-                // Columns come in the order of the nodes in most matrices.
-                let mut at = 0;
-                for (j, value) in k.column(dof as usize) {
-                    let node = place[j] / narrow(b);
-                    if place[j] == ABSENT || (node as usize) < i {
-                        continue;
-                    }
-                    if columns.get(at) != Some(&node) {
-                        at += 1;
-                    }
-                    if columns.get(at) != Some(&node) {
-                        at = columns.partition_point(|&j| j < node);
-                    }
-                    part[from + at * size + place[j] as usize % b * b + r] = value;
-                }
+impl UpperBlocks {
+    /// Without a row. Degree of freedom `i` is component `place[i] % b` of node `place[i] / b`, or
+    /// is left out if `place[i]` is [`ABSENT`].
+    ///
+    /// # Panics
+    /// If `place` names a node that does not exist.
+    pub fn new(place: Vec<u32>, nodes: usize, b: usize) -> Self {
+        let mut dof = vec![ABSENT; nodes * b];
+        for (i, &at) in place.iter().enumerate() {
+            if at != ABSENT {
+                dof[at as usize] = narrow(i);
             }
         }
-    });
-    values
+        Self {
+            b,
+            place,
+            dof,
+            start: vec![0],
+            column: Vec::new(),
+            values: Vec::new(),
+        }
+    }
+
+    /// Sum of the diagonal entries.
+    pub fn trace(&self) -> f64 {
+        let size = self.b * self.b;
+        let of_row = self.start[..self.known()].iter();
+        let blocks = of_row.map(|&at| &self.values[at as usize * size..][..size]);
+        blocks
+            .flat_map(|block| block.iter().step_by(self.b + 1))
+            .sum()
+    }
+
+    /// Number of nodes whose rows are known.
+    pub fn known(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    /// Adds the rows of the next nodes, up to `end`; `row` gives the columns and the values of a
+    /// degree of freedom. Of two blocks that mirror each other, the one in the row of the lower
+    /// node is read.
+    pub fn append<R: Iterator<Item = (usize, f64)>>(
+        &mut self,
+        end: usize,
+        row: impl Fn(usize) -> R + Sync,
+    ) {
+        let (first, before) = (self.known(), self.column.len());
+        let nodes = |task: usize| first + task * ROWS..end.min(first + (task + 1) * ROWS);
+        let (b, place, dof) = (self.b, &self.place, &self.dof);
+        let patterns = tasks::map(0..(end - first).div_ceil(ROWS), |_, task| {
+            let (mut counts, mut columns, mut found) = (Vec::new(), Vec::new(), Vec::new());
+            for i in nodes(task) {
+                found.clear();
+                found.push(narrow(i));
+                for &dof in dof[b * i..b * (i + 1)].iter().filter(|&&dof| dof != ABSENT) {
+                    for (j, _) in row(dof as usize) {
+                        let node = place[j] / narrow(b);
+                        // The components of a node usually follow one another.
+                        if place[j] != ABSENT && node as usize > i && found.last() != Some(&node) {
+                            found.push(node);
+                        }
+                    }
+                }
+                found.sort_unstable();
+                found.dedup();
+                counts.push(narrow(found.len()));
+                columns.extend_from_slice(&found);
+            }
+            (counts, columns)
+        });
+        let mut sum = narrow(before);
+        for (counts, columns) in patterns {
+            for count in counts {
+                sum += count;
+                self.start.push(sum);
+            }
+            self.column.extend(columns);
+        }
+        let (start, column, size) = (&self.start, &self.column, b * b);
+        if before == 0 {
+            self.values = zeros(column.len() * size + PADDING);
+        } else {
+            self.values.resize(column.len() * size, 0.0);
+        }
+        let own = |i: usize| (start[first + i] as usize - before) * size;
+        let parts = cut(&mut self.values[before * size..], end - first, own);
+        tasks::for_each(parts, |task, part| {
+            for i in nodes(task) {
+                let stored = start[i] as usize..start[i + 1] as usize;
+                let from = (stored.start - start[nodes(task).start] as usize) * size;
+                let columns = &column[stored];
+                for (r, &dof) in dof[b * i..b * (i + 1)].iter().enumerate() {
+                    if dof == ABSENT {
+                        continue;
+                    }
+                    // Columns come in the order of the nodes in most matrices.
+                    let mut at = 0;
+                    for (j, value) in row(dof as usize) {
+                        let node = place[j] / narrow(b);
+                        if place[j] == ABSENT || (node as usize) < i {
+                            continue;
+                        }
+                        if columns.get(at) != Some(&node) {
+                            at += 1;
+                        }
+                        if columns.get(at) != Some(&node) {
+                            at = columns.partition_point(|&j| j < node);
+                        }
+                        part[from + at * size + place[j] as usize % b * b + r] = value;
+                    }
+                }
+            }
+        });
+    }
 }
 
 /// Starts and columns of whole rows.
@@ -544,7 +582,7 @@ fn both_halves(upper: &[u32], of_upper: &[u32]) -> (Vec<u32>, Vec<u32>) {
 }
 
 /// Cuts the rows into at most [`PARTS`] parts, fewer if they would add to many rows outside.
-fn choose_parts(upper: &[u32], of_upper: &[u32]) -> (Vec<Part>, Vec<u32>) {
+fn choose_parts(upper: &[u32], of_upper: Vec<u32>) -> (Vec<Part>, Vec<u32>) {
     let nodes = upper.len() - 1;
     let mut count = PARTS.min(nodes / LEAST_ROWS).max(1);
     loop {
@@ -570,7 +608,8 @@ fn choose_parts(upper: &[u32], of_upper: &[u32]) -> (Vec<Part>, Vec<u32>) {
             count /= 2;
             continue;
         }
-        let mut target = of_upper.to_vec();
+        let mut target = of_upper;
+        target.shrink_to_fit();
         for part in &parts {
             let stored = upper[part.rows.start] as usize..upper[part.rows.end] as usize;
             for j in &mut target[stored] {

@@ -291,9 +291,14 @@ class Job(SharedRunner):
             meshed = bodies(scene)
             fits(scene, meshed, self.ranks.share)
         with self._phase("assemble"):
-            case = assemble(scene, meshed, stiffness=not self.shared)
+            estimates = self.request.error or tol == ENOUGH
+            # Wear and the discretisation error read K.
+            whole = (estimates or scene.wear is not None) and not self.shared
+            case = assemble(scene, meshed, stiffness=whole)
+            if not self.shared:
+                case = case.with_stiffness(self._engine)
             estimator = None
-            if self.request.error or tol == ENOUGH:
+            if estimates:
                 from bipot_rs.discretisation.estimator import Estimator
 
                 estimator = Estimator(case)
@@ -309,8 +314,7 @@ class Job(SharedRunner):
             self.case = case
         with self._phase("condense"):
             problem = self._problem(case)
-            # Wear and the discretisation error read K.
-            if self.problem is not None and estimator is None and scene.wear is None:
+            if self.problem is not None and not whole:
                 self.case = case = case.released(self.problem)
         with self._phase("solve"):
             if estimator is not None and tol == ENOUGH and not self.shared:
@@ -371,10 +375,14 @@ class Job(SharedRunner):
 
         self.problem = case.problem(
             on_forecast=None if self.as_json else on_forecast,
-            # The FCLIB file of a step holds W.
-            engine="direct" if self.request.fclib else self.request.engine,
+            engine=self._engine,
         )
         return self.problem
+
+    @property
+    def _engine(self) -> str | None:
+        """The engine asked for; the FCLIB file of a step holds W."""
+        return "direct" if self.request.fclib else self.request.engine
 
     def _announce(self, case: Case, cost: Sequence[str]) -> None:
         """Print the title, the sizes, the expected cost and remarks, before condensing."""

@@ -58,7 +58,7 @@ def examine_arrays(
     contact: Csr,
     gap: Floats,
     points: Floats | None = None,
-    stiffness: Csr | None = None,
+    stiffness: Csr | InspectedBodies | None = None,
     places: Floats | None = None,
     *,
     stacklevel: int = 2,
@@ -69,13 +69,15 @@ def examine_arrays(
     ``gap (n_c, d)``: gaps by component.
     ``points, places``: coordinates of the contacts ``(n_c, d)`` and of the degrees of freedom
     ``(n, d)``.
-    ``stiffness``: K, if it has the rigid motions of its bodies.
+    ``stiffness``: K, if it has the rigid motions of its bodies, or what was found in it.
     ``stacklevel``: as for `warnings.warn`, which is called if K has its degrees of freedom in
     another order than ``places`` or the contacts.
     """
     texts: list[str] = []
     outward, strength = None, None
-    if stiffness is not None:
+    if isinstance(stiffness, InspectedBodies):
+        outward, strength = stiffness.measure()
+    elif stiffness is not None:
         misplaced = dof_order.unlike(
             stiffness.parts, contact.parts, places, gap.shape[1]
         )
@@ -135,18 +137,37 @@ def measure_bodies(
     order = dof_order.told_by(places, d)
     if order is None or not len(places):
         return None, None
+    x, side = scale_places(places)
+    return InspectedBodies(
+        _core.bodies(stiffness.parts, x, order == "node"), side
+    ).measure()
+
+
+def scale_places(places: Floats) -> tuple[Floats, float]:
+    """Coordinates about their mean, of size one, and this size."""
     x = places - places.mean(axis=0)
     side = float(np.abs(x).max(initial=0.0)) or 1.0
     x /= side
-    outward, body, work, low, high, every, free = _core.bodies(
-        stiffness.parts, x, order == "node"
-    )
-    modulus = _YOUNG * work / (d * (d - 1))
-    thin = (high - low).min(axis=1)
-    stiff = (2 * free > every) & (thin > 0) & (modulus > 0)
-    force = np.full(len(work), np.nan)
-    force[stiff] = modulus[stiff] / thin[stiff] * side
-    return outward, Strength(body, force)
+    return x, side
+
+
+@dataclass(frozen=True)
+class InspectedBodies:
+    """What `_core.bodies` found, with places that `scale_places` divided by ``side``."""
+
+    found: tuple[Floats, Ints, Floats, Floats, Floats, Ints, Ints]
+    side: float
+
+    def measure(self) -> tuple[Floats, Strength]:
+        """As `measure_bodies`."""
+        outward, body, work, low, high, every, free = self.found
+        d = low.shape[1]
+        modulus = _YOUNG * work / (d * (d - 1))
+        thin = (high - low).min(axis=1)
+        stiff = (2 * free > every) & (thin > 0) & (modulus > 0)
+        force = np.full(len(work), np.nan)
+        force[stiff] = modulus[stiff] / thin[stiff] * self.side
+        return outward, Strength(body, force)
 
 
 def _find_wrong_normals(

@@ -20,6 +20,7 @@ from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
+from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
 from bipot_rs.contact.path.springs import Springs, turn_tangents
 from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.error_bound import ErrorBound, make_unavailable
@@ -148,7 +149,7 @@ class Iterative:
 
 
 def make_iterative(
-    parts: Parts,
+    given: Parts | MeshStiffness,
     contacts: Contacts,
     fixed: Ints,
     coordinates: Floats | None,
@@ -164,7 +165,10 @@ def make_iterative(
     NotIterativeError, ValueError
         It cannot solve the problem, or an array is wrong.
     """
-    springs = Springs.find(parts, fixed, contacts.d, num_threads)
+    if isinstance(given, MeshStiffness):
+        springs = Springs.hold([], 0.0, given.shape[0], contacts.d)
+    else:
+        springs = Springs.find(given, fixed, contacts.d, num_threads)
     operator, gap, turn = contacts.operator.parts, contacts.gap_by_component, None
     matrix, law = contacts.operator.matrix, contacts.law
     turned = None
@@ -176,10 +180,17 @@ def make_iterative(
         gap = np.einsum("ckl,cl->ck", turn, gap)
     data = gap, law, fixed, num_threads
     try:
-        core = _core.Primal(springs.add_to(parts), operator, *data, coordinates, hoops)
+        core = (
+            _core.Primal.of_rows(given.rows, operator, gap, law)
+            if isinstance(given, MeshStiffness)
+            else _core.Primal(
+                springs.add_to(given), operator, *data, coordinates, hoops
+            )
+        )
     except NotIterativeError as error:
         if not error.contacts:
             raise
+        parts = given.parts if isinstance(given, MeshStiffness) else given
         copied, changed = springs.with_copies(
             parts, matrix, error.contacts, fixed, coordinates
         )

@@ -41,6 +41,7 @@ from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.direct import Direct
 from bipot_rs.contact.path.engine import REPLACED, Engine, RestoredDigits
 from bipot_rs.contact.path.load_steps import Loads
+from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
 from bipot_rs.contact.results.solution import Step
 
 if TYPE_CHECKING:
@@ -268,7 +269,7 @@ class PreparedStiffness:
 
     def __init__(
         self,
-        stiffness: Csr,
+        stiffness: Csr | MeshStiffness,
         restored: RestoredDigits | None,
         contacts: Contacts,
         options: StiffnessOptions,
@@ -280,7 +281,8 @@ class PreparedStiffness:
         self._contacts, self._loads = contacts, loads
         # Name of the engine, and why.
         self._choice = "direct", ""
-        self._prepare(stiffness.parts, None, on_forecast)
+        given = stiffness if isinstance(stiffness, MeshStiffness) else stiffness.parts
+        self._prepare(given, None, on_forecast)
 
     def __getstate__(self) -> _State:
         return {
@@ -432,22 +434,25 @@ class PreparedStiffness:
 
     def _prepare(
         self,
-        parts: Parts,
+        given: Parts | MeshStiffness,
         before: _core.Condensed | None,
         on_forecast: OnForecast | None = None,
     ) -> None:
         """Condense, or make the iterative engine and leave the choice to the load path."""
         options = self.options
-        iterative = self._make_iterative(parts)
+        iterative = self._make_iterative(given)
+        mesh = given if isinstance(given, MeshStiffness) else None
+        parts = None if isinstance(given, MeshStiffness) else given
         condensed = None
         if iterative is None:
-            condensed = self._condense(parts, before, on_forecast)
+            whole = given.parts if isinstance(given, MeshStiffness) else given
+            condensed = self._condense(whole, before, on_forecast)
+            parts = mesh = None
         self._condensed, self._iterative = condensed, iterative
-        self._parts = None if iterative is None else parts
+        self._parts, self._assemble = parts, None if mesh is None else mesh.assemble
         # The core drops what is between prescribed degrees of freedom.
         self._kept = parts if options.latched else None
         self._with_free: dict[tuple[int, ...], PreparedStiffness] = {}
-        self._assemble = None
         self._on_forecast = None if iterative is None else on_forecast
         if iterative is None:
             return
@@ -566,7 +571,7 @@ class PreparedStiffness:
         where = "" if x is None else f" at {place(x[error.contact])}"
         return describe_contact(error, where)
 
-    def _make_iterative(self, parts: Parts) -> Iterative | None:
+    def _make_iterative(self, given: Parts | MeshStiffness) -> Iterative | None:
         """The iterative engine, if it is wanted and can solve the problem."""
         options = self.options
         why = self._find_reason_for_direct()
@@ -579,7 +584,7 @@ class PreparedStiffness:
         moved = None if options.kinematics is None else options.kinematics[1]
         try:
             iterative = make_iterative(
-                parts,
+                given,
                 self._contacts,
                 options.fixed,
                 options.coordinates,
@@ -595,7 +600,9 @@ class PreparedStiffness:
             self._choice = "direct", reason
             return None
         except ValueError as error:
-            cause = one_triangle(parts) or describe_enforced(parts)
+            if isinstance(given, MeshStiffness):
+                raise
+            cause = one_triangle(given) or describe_enforced(given)
             raise with_message(error, f"{error}{cause}") from None
         self.seconds = time.perf_counter() - started
         self._choice = "auto", "the load path decides"

@@ -63,8 +63,6 @@ class Springs:
         cls, parts: Parts, fixed: Ints, d: int, num_threads: int | None = None
     ) -> Springs:
         """The springs of degrees of freedom that K, by rows, does not hold."""
-        from scipy.sparse import csr_array
-
         start, _, value = parts
         # The largest entry of a positive semidefinite matrix is on its diagonal, and a row
         # with a zero there is zero.
@@ -74,15 +72,19 @@ class Springs:
         dofs = [
             i for i in np.flatnonzero(bare) if not value[start[i] : start[i + 1]].any()
         ]
-        shape = len(dofs), len(diagonal)
-        rows = csr_array(
-            (np.ones(len(dofs)), (np.arange(len(dofs)), dofs)), shape=shape
-        )
         largest = float(diagonal.max(initial=0.0))
+        return cls.hold(dofs, tuning.LOOSE_SPRING * largest, len(diagonal), d)
+
+    @classmethod
+    def hold(cls, dofs: Sequence[int], stiffness: float, n: int, d: int) -> Springs:
+        """A spring at each of some of n degrees of freedom."""
+        from scipy.sparse import csr_array
+
+        entries = np.ones(len(dofs)), (np.arange(len(dofs)), dofs)
         return cls(
-            np.arange(shape[1]),
-            rows,
-            np.full(len(dofs), tuning.LOOSE_SPRING * largest),
+            np.arange(n),
+            csr_array(entries, shape=(len(dofs), n)),
+            np.full(len(dofs), stiffness),
             np.zeros(0, np.int64),
             np.zeros((0, d, d)),
         )

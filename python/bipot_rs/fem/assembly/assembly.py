@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from bipot_rs._lib.machine import available
 from bipot_rs._lib.matrices import diagonal_matrix, rigid_motions
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.records import short_repr
@@ -26,6 +27,8 @@ from bipot_rs.contact.errors import (
     with_reason,
 )
 from bipot_rs.contact.law.frames import turn_operator
+from bipot_rs.contact.path.choice import choose_engine
+from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
 from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
     drop_equal_frames,
@@ -58,6 +61,9 @@ if TYPE_CHECKING:
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.fem.constraints.repetition import Images
     from bipot_rs.fem.gradients.parameter_gradient import ParameterGradient
+
+# Nodes whose rows of K are assembled at a time: 90 MB for hexahedra.
+_PART = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -214,6 +220,31 @@ class Assembly:
         whole = system_stiffness(self.numbered, self.springs, None, rigid=rigid)
         K = self.ties.stiffness(whole)
         return replace(self, K=K, _loss=self.ties.measure_loss(whole, K))
+
+    def reads_parts(self, engine: str, steps: int | None) -> bool:
+        """Whether `problem` can do without K: the iterative engine reads it in parts."""
+        if self.dim == 2 or self.ties is not None or self.references or self.inclined:
+            return False
+        if engine == "auto" and steps is not None:
+            free = self.n - len(self.fixed)
+            engine = choose_engine(free, len(self.gap), steps, available())[0]
+        return engine == "iterative"
+
+    def _read_stiffness(
+        self, engine: str, steps: int | None, num_threads: int | None
+    ) -> CsrMatrix | MeshStiffness:
+        """K in parts, if the engine reads it so."""
+        at = self._coordinates() if self.reads_parts(engine, steps) else None
+        read = None
+        if at is not None:
+            nodes = np.array_split(
+                np.arange(len(self.nodes)), -(-len(self.nodes) // _PART)
+            )
+            parts = map(self.stiffness_rows, nodes)
+            read = MeshStiffness.read(
+                parts, at, self.fixed, num_threads, self.stiffness
+            )
+        return self.stiffness() if read is None else read
 
     def released(self, problem: ContactProblem) -> Assembly:
         """The same without K, which ``problem``, made from it, may not need any more.
@@ -397,8 +428,13 @@ class Assembly:
         for point in self.references:
             first_dofs[f"{point.kind} {point.name}"] = point.first
         try:
+            K = (
+                self._read_stiffness(engine, steps, num_threads)
+                if self.K is None
+                else self.K
+            )
             return ContactProblem(
-                self.K,
+                K,
                 self.B,
                 gap=self.gap,
                 mu=self.mu,
