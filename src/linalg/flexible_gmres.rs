@@ -14,7 +14,7 @@ use crate::linalg::real::Real;
 pub struct Limits {
     /// Of `‖b − A x‖ / ‖b‖`.
     pub tol: f64,
-    /// Steps between restarts. Each takes 12 bytes for each unknown.
+    /// Steps between restarts. Each takes 8 bytes for each unknown.
     pub restart: usize,
     /// Products with the matrix, those of restarts not counted.
     pub most: usize,
@@ -37,7 +37,13 @@ pub struct FlexibleSolution {
 /// precision, so nothing is lost.
 type Direction = Vec<f32>;
 
-/// Minimises `‖b − A x‖` over growing spaces of preconditioned directions [Saad 1993].
+/// Part of the residual that a space leaves at the least: its basis in single precision is
+/// orthogonal to some 1e-7.
+const SPACE: f64 = 1e-5;
+
+/// Minimises `‖b − A x‖` over growing spaces of preconditioned directions [Saad 1993]. A small
+/// tolerance takes several spaces, each with its equal part: the residual that a space starts with
+/// is exact.
 ///
 /// `apply` writes `A x` to its second argument; `precondition` writes `M⁻¹ v`.
 pub fn solve(
@@ -58,19 +64,21 @@ pub fn solve(
     let mut z = vec![0.0; b.len()];
     while !found.reached && found.products < limits.most {
         let start = norm(&r);
+        let left = limits.tol / found.residual;
+        let goal = found.residual * left.powf((left.ln() / SPACE.ln()).ceil().max(1.0).recip());
         let mut space = Space::new(std::mem::take(&mut r), start);
         while space.directions.len() < limits.restart.max(1) && found.products < limits.most {
             if stop.load(Ordering::Relaxed) {
                 return Err(Error::Interrupted);
             }
-            precondition(&space.basis[space.basis.len() - 1], &mut z);
+            precondition(&space.last, &mut z);
             let direction = rounded(&mut z);
             let mut w = zeros(b.len());
             apply(&z, &mut w);
             found.products += 1;
             let grows = space.extend(direction, w);
             found.residual = space.triangle.residual() / size;
-            if !grows || found.residual <= limits.tol {
+            if !grows || found.residual <= goal.max(limits.tol) {
                 break;
             }
         }
@@ -106,7 +114,9 @@ fn rounded(z: &mut [f64]) -> Direction {
 
 /// The Krylov space since the last restart.
 struct Space {
-    basis: Vec<Vec<f64>>,
+    basis: Vec<Vec<f32>>,
+    /// The last vector of the basis before it was rounded.
+    last: Vec<f64>,
     directions: Vec<Direction>,
     triangle: KrylovTriangle,
 }
@@ -115,7 +125,8 @@ impl Space {
     fn new(mut r: Vec<f64>, size: f64) -> Self {
         scale(&mut r, size);
         Self {
-            basis: vec![r],
+            basis: vec![single(&r)],
+            last: r,
             directions: Vec::new(),
             triangle: KrylovTriangle::new(size),
         }
@@ -140,7 +151,8 @@ impl Space {
         let grows = length > f64::EPSILON * before;
         if grows {
             scale(&mut w, length);
-            self.basis.push(w);
+            self.basis.push(single(&w));
+            self.last = w;
         }
         grows
     }
@@ -160,6 +172,12 @@ impl Space {
             axpy(*y, direction, x);
         }
     }
+}
+
+fn single(w: &[f64]) -> Vec<f32> {
+    let mut rounded = zeros(w.len());
+    map2(&mut rounded, w, |_, w: f64| f32::rounded(w));
+    rounded
 }
 
 /// `w ← w / length`.

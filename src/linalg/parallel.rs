@@ -8,14 +8,14 @@ use crate::tasks;
 const CHUNK: usize = 4096;
 
 /// `a · b`, summed in double precision.
-pub fn dot<T: Real>(a: &[T], b: &[T]) -> f64 {
+pub fn dot<A: Real, B: Real>(a: &[A], b: &[B]) -> f64 {
     let chunks = a.chunks(CHUNK).zip(b.chunks(CHUNK));
     let partial = tasks::map(chunks, |_, (a, b)| dot_of_chunk(a, b));
     partial.iter().sum()
 }
 
 /// Eight sums side by side: one alone would wait for each addition.
-fn dot_of_chunk<T: Real>(a: &[T], b: &[T]) -> f64 {
+fn dot_of_chunk<A: Real, B: Real>(a: &[A], b: &[B]) -> f64 {
     let mut sums = [0.0; 8];
     let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
     for (a, b) in a.iter().zip(b) {

@@ -306,7 +306,7 @@ fn blocks_on_blocks_as_the_direct_path() {
     for ratio in [0.1, 10.0] {
         // Only contact holds a block: the correction that settles its motions is solved.
         let (krylov, _) = Blocks::new(6, 6, ratio, 0.3, true).agrees();
-        assert!(krylov <= 100, "floating, ratio {ratio}: {krylov}");
+        assert!(krylov <= 120, "floating, ratio {ratio}: {krylov}");
         let (krylov, statuses) = Blocks::new(6, 6, ratio, 0.02, false).agrees();
         // The hierarchy of the glued blocks is far from this.
         assert!(share(&statuses, Status::Slip) > 0.9);
