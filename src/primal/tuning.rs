@@ -62,8 +62,8 @@ fitted! {
     // problem.rs
     /// Bytes of the hierarchy relative to the half of `K` that is stored in double precision; for
     /// the forecast.
-    hierarchy_bytes: f64 = 1.6;
-    /// Bytes of the vectors of GMRES and of the Newton steps for each unknown: forty, in double and
-    /// in single precision.
-    vector_bytes: usize = 480;
+    hierarchy_bytes: f64 = 1.35;
+    /// Bytes of the vectors of GMRES and of the Newton steps for each unknown, most of them in single
+    /// precision.
+    vector_bytes: usize = 210;
 }

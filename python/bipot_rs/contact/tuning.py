@@ -48,6 +48,12 @@ COPIES_OF_K = 2
 # Matrices of the size of W beside the factor in a load step: half of a bolted joint with 24,459
 # unknowns and 731 contacts takes 458 MB, 277 MB to condense; with 8 the forecast is 463 MB.
 COPIES_OF_W = 8
+# Memory of the iterative engine for each entry of the matrices of hexahedra [bytes], from which a
+# run is refused; of tetrahedra, which share more entries, more than that of K.
+LEAST_BYTES = 6
+# Memory of the interpreter with its libraries, and of the mesh and other arrays for each unknown,
+# beside what the iterative engine counts [bytes].
+INTERPRETER_BYTES, ARRAY_BYTES = 86e6, 130
 # Memory of a rank of engine petsc [bytes]: libraries, mesh and loads for each node, and copies of
 # its rows of K: K itself, what the preconditioner is made of, and the preconditioner.
 PROCESS_BYTES, NODE_BYTES, COPIES_ON_RANK = 135e6, 750, 9

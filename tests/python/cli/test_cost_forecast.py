@@ -157,7 +157,7 @@ def test_meshes_of_files_are_counted_after_reading(
     asked = read(str(file))
     meshed = bodies(asked)
     cells = sum(body.mesh.nelements for body in meshed)
-    entries = 12 * cells * (3 * 2) ** 2
+    entries = 6 * cells * (3 * 2) ** 2
     monkeypatch.setattr(cost_forecast, "available", lambda: entries - 1)
     cost_forecast.fits(asked)
     with pytest.raises(MemoryError, match="use fewer cells"):

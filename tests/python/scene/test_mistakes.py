@@ -131,13 +131,13 @@ def test_too_large_mesh_is_refused_before_meshing(
 ) -> None:
     monkeypatch.setattr(cost_forecast, "available", lambda: 8_000_000_000)
     told = said(*RUN, "--set", "mesh.n=150")
-    # 150³ hexahedra with (8·3)² entries, each a number and an index of four bytes.
-    assert "takes 23.3 GB, but only 8 GB" in told
-    assert "mesh.n up to 104 would fit" in told
+    # 150³ hexahedra with (8·3)² entries of six bytes.
+    assert "take 11.7 GB, but only 8 GB" in told
+    assert "mesh.n up to 132 would fit" in told
     # The largest mesh that is said to fit is accepted, and one more cell is not.
-    cost_forecast.fits(read("sheared_cube", ["mesh.n=104"]))
+    cost_forecast.fits(read("sheared_cube", ["mesh.n=132"]))
     with pytest.raises(MemoryError):
-        cost_forecast.fits(read("sheared_cube", ["mesh.n=105"]))
+        cost_forecast.fits(read("sheared_cube", ["mesh.n=133"]))
 
 
 def test_unknown_free_memory_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -143,12 +143,14 @@ def cost(counts: Record, model: Assembly, steps: int) -> list[str]:
     if counts.get("engine") == "iterative":
         return [
             *engine,
-            f"  memory    about {size(counts['bytes_peak'])}{of}",
+            f"  memory    about {size(_iterative_bytes(counts, model) + tuning.INTERPRETER_BYTES)}{of}",
             f"  time      {duration(seconds(counts, threads))} for all load steps",
         ]
     of_step = tuning.COPIES_OF_W * 8.0 * float(counts["n_contact_dofs"]) ** 2
     needed = max(counts["bytes_peak"], counts["bytes_factor"] + of_step)
-    most = size(needed + tuning.COPIES_OF_K * _ENTRY * model.K.nnz)
+    # K in parts is held by nobody beside the core.
+    entries = 0 if model.K is None else model.K.nnz
+    most = size(needed + tuning.COPIES_OF_K * _ENTRY * entries)
     time = duration(seconds(counts, threads))
     factor = 2 / 3 * float(model.dim * len(model.gap)) ** 3
     work_of_steps = steps * tuning.FACTORS_OF_STEP * factor
@@ -185,7 +187,13 @@ def peak(case: Case) -> float:
     The interpreter and its libraries are not included.
     """
     forecast, _ = counts(case)
+    if forecast.get("engine") == "iterative":
+        return _iterative_bytes(forecast, case.model)
     return _entries(case.model.bodies) + float(forecast.get("bytes_peak", 0))
+
+
+def _iterative_bytes(counts: Record, model: Assembly) -> float:
+    return float(counts["bytes_peak"]) + tuning.ARRAY_BYTES * model.n
 
 
 def list_remarks(remarks: Sequence[str]) -> list[str]:
@@ -212,13 +220,13 @@ def fits(
         n = int(scene.mesh.n * (free / needed) ** (1 / dim))
         way = f"mesh.n up to {max(n, 1)} would fit, if all cells depend on it"
     raise MemoryError(
-        f"assembling the stiffness takes {size(needed)}, but only {size(free)} of memory "
+        f"the stiffness and its solution take {size(needed)}, but only {size(free)} of memory "
         f"are free: {way}"
     )
 
 
 def assembly(scene: Scene) -> float:
-    """Least bytes of the assembly: the entries of all element matrices.
+    """Least bytes of a run, by the entries of all element matrices.
 
     A mesh in a file counts as zero, because its size is not known before it is read.
     """
@@ -232,11 +240,11 @@ def assembly(scene: Scene) -> float:
         cells = prod(len(axis.grid(n)) - 1 for axis in axes if axis is not None)
         *nodes, pieces = _NODES[cell]
         count = nodes[(scene.order(block) or 1) - 1]
-        total += cells * pieces * (count * block.dim) ** 2 * _ENTRY
+        total += cells * pieces * (count * block.dim) ** 2 * tuning.LEAST_BYTES
     return total
 
 
 def _entries(meshed: Sequence[Body]) -> float:
     """Likewise, for bodies that are meshed."""
     shapes = [(*body.cells.shape, body.dim) for body in meshed]
-    return float(sum(m * (nodes * d) ** 2 * _ENTRY for m, nodes, d in shapes))
+    return float(sum(m * (nodes * d) ** 2 * tuning.LEAST_BYTES for m, nodes, d in shapes))
