@@ -62,8 +62,9 @@ if TYPE_CHECKING:
     from bipot_rs.fem.constraints.repetition import Images
     from bipot_rs.fem.gradients.parameter_gradient import ParameterGradient
 
-# Nodes whose rows of K are assembled at a time: 90 MB for hexahedra.
-_PART = 1 << 15
+# Nodes whose rows of K are assembled at a time, an eighth of all within these bounds: some 8 kB
+# each, and those of cells at the borders are integrated twice.
+_LEAST_PART, _MOST_PART = 1 << 13, 1 << 16
 
 
 @dataclass(frozen=True)
@@ -237,9 +238,9 @@ class Assembly:
         at = self._coordinates() if self.reads_parts(engine, steps) else None
         read = None
         if at is not None:
-            nodes = np.array_split(
-                np.arange(len(self.nodes)), -(-len(self.nodes) // _PART)
-            )
+            count = len(self.nodes)
+            size = min(max(count // 8, _LEAST_PART), _MOST_PART)
+            nodes = np.array_split(np.arange(count), -(-count // size))
             parts = map(self.stiffness_rows, nodes)
             read = MeshStiffness.read(
                 parts, at, self.fixed, num_threads, self.stiffness
