@@ -12,7 +12,13 @@ use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use bipot_rs::bodies::basis::motions_of_nodes;
 use bipot_rs::law::contact_law::ContactLaw;
+use bipot_rs::linalg::amg::following::Following;
+use bipot_rs::linalg::amg::nodes::LevelNodes;
+use bipot_rs::linalg::amg::settings::CycleSettings;
+use bipot_rs::linalg::amg::single_rows::SingleRows;
+use bipot_rs::linalg::amg::symmetric_blocks::{SymmetricBlocks, UpperBlocks};
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
 use bipot_rs::linalg::sparse::csc::Symmetric;
 use bipot_rs::linalg::sparse::multifrontal::{Factor, Schur};
@@ -248,4 +254,48 @@ fn the_uniqueness_proof_takes_the_predicted_memory() {
     let (found, verdict) = measured(many, 0.1);
     assert_eq!(verdict, Unique::Unknown);
     assert!(found < 100 * many, "{found} bytes");
+}
+
+/// The iterative engine holds half of K in blocks, and a hierarchy whose set-up has no copy of K.
+#[test]
+fn an_unknown_of_the_iterative_engine_takes_few_bytes() {
+    let _alone = ALONE.lock().unwrap();
+    let body = Grid::cube(14).assemble();
+    let (n, nodes) = (body.n(), body.nodes());
+    let blocks = || {
+        let place = (0..u32::try_from(n).unwrap()).collect();
+        let mut upper = UpperBlocks::new(place, nodes, 3);
+        for part in 1..=4 {
+            upper.append(nodes * part / 4, |dof| body.view().column(dof));
+        }
+        SymmetricBlocks::new(upper, 1.0)
+    };
+    let before = HELD.load(Ordering::SeqCst);
+    let (most_of_k, k) = with_threads(2, || most(blocks));
+    // 14 blocks of 72 bytes for three unknowns, 27 columns and 14 places of 4 bytes.
+    let held = HELD.load(Ordering::SeqCst) - before;
+    assert!(held <= 400 * n, "{} bytes an unknown", held / n);
+    assert!(most_of_k <= 600 * n, "{} bytes an unknown", most_of_k / n);
+    let about = LevelNodes {
+        motions: motions_of_nodes(&body.coordinates, 3),
+        coordinates: body.coordinates.clone(),
+        bodies: Vec::new(),
+    };
+    let before = HELD.load(Ordering::SeqCst);
+    let (most_of_all, levels) = with_threads(2, || {
+        most(|| {
+            let rows = SingleRows::new(&k, std::iter::empty());
+            let nodes = vec![0];
+            Following::new(&rows, &about, nodes, &CycleSettings::default(), &GO).unwrap()
+        })
+    });
+    let held = HELD.load(Ordering::SeqCst) - before;
+    // A copy in single precision would take 300 more.
+    assert!(held <= 450 * n, "{} bytes an unknown", held / n);
+    assert!(
+        most_of_all <= 600 * n,
+        "{} bytes an unknown",
+        most_of_all / n
+    );
+    drop(levels);
 }

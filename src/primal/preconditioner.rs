@@ -117,6 +117,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             self.problem.hierarchy(&self.cycle, stop)?
         };
         following.update(
+            &self.problem.about_nodes(),
             &tangent.held,
             &tangent.springs(&self.problem.contacts.frames),
             stop,

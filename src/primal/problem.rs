@@ -1,7 +1,8 @@
 //! A contact problem in the displacements: `K` in blocks of nodes, and the contacts.
 
+use std::iter;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, OnceLock};
 
 use crate::bodies::basis::{motions_of_nodes, translations_of_nodes};
 use crate::condensation::condense::ProblemArrays;
@@ -9,9 +10,8 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::amg;
-use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::following::Following;
-use crate::linalg::amg::multigrid::Multigrid;
+use crate::linalg::amg::single_rows::SingleRows;
 use crate::linalg::amg::soft_motions::complete;
 use crate::linalg::amg::symmetric_blocks::SymmetricBlocks;
 use crate::linalg::compensated::Sum;
@@ -46,8 +46,6 @@ pub struct Stiffness {
     /// Columns of `K` at the prescribed degrees of freedom; rows of free ones only.
     pub(super) coupling: OwnedMatrix,
     pub(super) spectrum: OnceLock<Option<f64>>,
-    /// The matrix in single precision that gave the spectrum, for the first hierarchy.
-    pub(super) single: Mutex<Option<BlockMatrix>>,
     /// Near-null vectors if there are no coordinates.
     pub(super) motions: Option<Vec<f64>>,
     pub(super) supports: Supports,
@@ -58,14 +56,9 @@ impl Stiffness {
     /// alone, so that a path that continues has the same bits as an uninterrupted one. It is
     /// computed when it is first asked for: the caller's K may have been freed by then.
     pub(super) fn spectrum(&self) -> Option<f64> {
-        *self.spectrum.get_or_init(|| {
-            let single = self.single();
-            let bound = Multigrid::spectrum_of(&single);
-            if let Ok(mut known) = self.single.lock() {
-                *known = Some(single);
-            }
-            bound
-        })
+        *self
+            .spectrum
+            .get_or_init(|| SingleRows::new(&self.matrix, iter::empty()).spectrum())
     }
 
     /// Gives the rows of `K`: columns ascend, with the zeros of its blocks, and without the
@@ -98,12 +91,6 @@ impl Stiffness {
             row.sort_unstable_by_key(|&(j, _)| j);
             row
         }
-    }
-
-    /// The matrix in single precision.
-    fn single(&self) -> BlockMatrix {
-        let known = self.single.lock().ok().and_then(|mut known| known.take());
-        known.unwrap_or_else(|| self.matrix.to_single())
     }
 
     /// What multigrid wants to know of the nodes.
@@ -195,9 +182,7 @@ impl<const D: usize> Primal<D> {
         } else {
             // Which rotations are soft is not known.
             let spectrum = stiffness.spectrum();
-            let single = stiffness.single();
-            let motions = motions_of(&stiffness.matrix, &single, bodies, spectrum, stop)?;
-            (stiffness.motions, stiffness.single) = (Some(motions), Mutex::new(Some(single)));
+            stiffness.motions = Some(motions_of(&stiffness.matrix, bodies, spectrum, stop)?);
         }
         Self::of(
             Arc::new(stiffness),
@@ -227,10 +212,6 @@ impl<const D: usize> Primal<D> {
         let contacts = Contacts::new(frames, gap, law, &block)?;
         let join = contacts.frames.join();
         let interface = join.then(|| Arc::new(Interface::new(&stiffness.matrix, &contacts.frames)));
-        if join && let Ok(mut single) = stiffness.single.lock() {
-            // Only the hierarchy of one body would take it.
-            *single = None;
-        }
         Ok(Self {
             stiffness,
             contact,
@@ -437,12 +418,12 @@ impl<const D: usize> Primal<D> {
         settings: &amg::settings::CycleSettings,
         stop: &AtomicBool,
     ) -> Result<Following, Error> {
-        let mut matrix = self.stiffness.single();
         let blocks = self.contacts.frames.blocks();
-        matrix.change_variables(blocks.map(|(node, block)| (node, block.as_slice())));
+        let blocks = blocks.map(|(node, block)| (node, block.as_slice()));
+        let matrix = SingleRows::new(&self.stiffness.matrix, blocks);
         let nodes = self.contacts.frames.with_node();
         let nodes = nodes.map(|(_, frame)| narrow(frame.node)).collect();
-        Following::new(matrix, self.about_nodes(), nodes, settings, stop)
+        Following::new(&matrix, &self.about_nodes(), nodes, settings, stop)
     }
 
     /// Whether supports, springs and contacts hold every rigid motion at a point: a contact that
@@ -557,7 +538,6 @@ pub fn check_contacts<const D: usize>(
 /// only its rigid motions tell.
 fn motions_of(
     matrix: &SymmetricBlocks,
-    single: &BlockMatrix,
     bodies: Vec<u32>,
     spectrum: Option<f64>,
     stop: &AtomicBool,
@@ -571,7 +551,8 @@ fn motions_of(
         spectrum,
         ..amg::settings::CycleSettings::default()
     };
-    match complete(&mut about, matrix, single, &settings, stop) {
+    let single = SingleRows::new(matrix, iter::empty()).whole();
+    match complete(&mut about, matrix, &single, &settings, stop) {
         Ok(()) => Ok(about.motions),
         Err(Error::Multigrid { .. }) => Err(Error::NotIterative {
             reason: "without coordinates, supports do not seem to hold each body: give coordinates",

@@ -1,6 +1,6 @@
 //! `K` from its rows, in parts if there is nobody who has all of them.
 
-use std::sync::{Mutex, OnceLock};
+use std::sync::OnceLock;
 
 use crate::bodies::connected;
 use crate::error::Error;
@@ -99,7 +99,6 @@ impl StiffnessRows {
             coupling: self.coupling,
             position: self.position,
             spectrum: OnceLock::new(),
-            single: Mutex::new(None),
             motions: None,
             supports: Supports::default(),
         })

@@ -2,11 +2,13 @@
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 use bipot_rs::bodies::basis::motions_of_nodes;
+use bipot_rs::linalg::amg::block_matrix::BlockMatrix;
 use bipot_rs::linalg::amg::following::Following;
 use bipot_rs::linalg::amg::multigrid::Multigrid;
 use bipot_rs::linalg::amg::nodes::LevelNodes;
 use bipot_rs::linalg::amg::scaled_blocks::{two_to, write};
 use bipot_rs::linalg::amg::settings::CycleSettings;
+use bipot_rs::linalg::amg::single_rows::SingleRows;
 use bipot_rs::linalg::amg::symmetric_blocks::{SymmetricBlocks, UpperBlocks};
 use bipot_rs::linalg::conjugate_gradients;
 use bipot_rs::linalg::flexible_gmres::{self, Limits};
@@ -26,6 +28,10 @@ fn blocks(body: &Assembled) -> SymmetricBlocks {
     SymmetricBlocks::new(rows, 1.0)
 }
 
+fn single(matrix: &SymmetricBlocks) -> BlockMatrix {
+    SingleRows::new(matrix, std::iter::empty()).whole()
+}
+
 fn about(body: &Assembled) -> LevelNodes {
     LevelNodes {
         motions: motions_of_nodes(&body.coordinates, body.dim),
@@ -37,7 +43,7 @@ fn about(body: &Assembled) -> LevelNodes {
 fn multigrid(body: &Assembled, settings: &CycleSettings) -> (SymmetricBlocks, Multigrid) {
     let matrix = blocks(body);
     let held = vec![false; body.n()];
-    let levels = Multigrid::new(matrix.to_single(), about(body), &held, settings, &GO).unwrap();
+    let levels = Multigrid::new(single(&matrix), about(body), &held, settings, &GO).unwrap();
     (matrix, levels)
 }
 
@@ -197,7 +203,7 @@ fn held_unknowns_are_left_out() {
     let body = Grid::cube(12).assemble();
     let (matrix, _) = multigrid(&body, &CycleSettings::default());
     let held: Vec<bool> = (0..body.n()).map(|i| i % 7 == 0 || i < 300).collect();
-    let mut single = matrix.to_single();
+    let mut single = single(&matrix);
     single.hold(&held);
     let settings = CycleSettings::default();
     let mut levels = Multigrid::new(single.clone(), about(&body), &held, &settings, &GO).unwrap();
@@ -272,8 +278,7 @@ fn rotated_nodes_cost_nothing() {
     // Columns of a rotation by 0.6, 0.8.
     let turn = [0.6, 0.8, 0.0, -0.8, 0.6, 0.0, 0.0, 0.0, 1.0];
     let turned: Vec<usize> = (0..body.nodes()).filter(|node| node % 3 == 0).collect();
-    let mut single = matrix.to_single();
-    single.change_variables(turned.iter().map(|&node| (node, &turn[..])));
+    let single = SingleRows::new(&matrix, turned.iter().map(|&node| (node, &turn[..]))).whole();
     let mut about = about(&body);
     let vectors = &mut about.motions;
     let rotate = |x: &mut [f64], back: bool| {
@@ -371,8 +376,9 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
         let face = face(&body);
         let b = random_signs(body.n(), 5);
         let make = || {
-            let single = blocks(&body).to_single();
-            Following::new(single, about(&body), face.clone(), &settings, &GO).unwrap()
+            let matrix = blocks(&body);
+            let rows = SingleRows::new(&matrix, std::iter::empty());
+            Following::new(&rows, &about(&body), face.clone(), &settings, &GO).unwrap()
         };
         let apply = |levels: &mut Following| {
             let mut x = vec![0.0; b.len()];
@@ -382,21 +388,21 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
         let (held, springs) = statuses(&body, &face, 1);
         let fresh = with_threads(1, || {
             let mut levels = make();
-            levels.update(&held, &springs, &GO).unwrap();
+            levels.update(&about(&body), &held, &springs, &GO).unwrap();
             apply(&mut levels)
         });
         let followed = with_threads(2, || {
             let mut levels = make();
             for seed in 2..5 {
                 let (held, springs) = statuses(&body, &face, seed);
-                levels.update(&held, &springs, &GO).unwrap();
+                levels.update(&about(&body), &held, &springs, &GO).unwrap();
             }
-            levels.update(&held, &springs, &GO).unwrap();
+            levels.update(&about(&body), &held, &springs, &GO).unwrap();
             apply(&mut levels)
         });
         assert!(fresh == followed, "{grid:?}");
         let matrix = blocks(&body);
-        let mut single = matrix.to_single();
+        let mut single = single(&matrix);
         let d = body.dim;
         let spring_of = |k: usize| &springs[d * d * k..d * d * (k + 1)];
         for (k, &node) in face.iter().enumerate() {
@@ -405,7 +411,7 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
         single.hold(&held);
         let mut own = Multigrid::new(single, about(&body), &held, &settings, &GO).unwrap();
         let mut levels = make();
-        levels.update(&held, &springs, &GO).unwrap();
+        levels.update(&about(&body), &held, &springs, &GO).unwrap();
         let iterations = |precondition: &mut dyn FnMut(&[f64], &mut [f64])| {
             let clear = |x: &mut [f64]| {
                 for (x, _) in x.iter_mut().zip(&held).filter(|(_, held)| **held) {

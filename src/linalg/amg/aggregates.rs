@@ -1,8 +1,8 @@
 //! Aggregates: groups of coupled nodes, each of which becomes one node of the next level.
 
-use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, ROWS};
-use crate::linalg::amg::block_rows::Blocks as _;
+use crate::linalg::amg::block_matrix::{ABSENT, ROWS};
 use crate::linalg::amg::nodes::LevelNodes;
+use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::amg::tuning;
 use crate::linalg::sparse::csc::narrow;
 use crate::tasks;
@@ -76,12 +76,11 @@ impl Aggregates {
     ///
     /// One thread does this, so that the result does not depend on their number; it takes a few
     /// percent of the set-up.
-    pub(super) fn new(matrix: &BlockMatrix, about: &LevelNodes) -> Self {
+    pub(super) fn new(matrix: LevelMatrix<'_>, about: &LevelNodes) -> Self {
         let nodes = matrix.nodes();
         let couplings = couplings(matrix, about);
         let neighbours = |i: usize| {
-            let row = matrix.row(i);
-            let columns = matrix.column[row.clone()].iter().zip(&couplings[row]);
+            let columns = matrix.columns(i).iter().zip(&couplings[matrix.row(i)]);
             columns.filter(|(_, size)| **size > 0.0)
         };
         let mut of_node = vec![ABSENT; nodes];
@@ -153,11 +152,11 @@ impl Aggregates {
 
 /// Norm of each block beside the diagonal, zero for one that is only rounding, between bodies or
 /// of nodes far from each other.
-fn couplings(matrix: &BlockMatrix, about: &LevelNodes) -> Vec<f32> {
+fn couplings(matrix: LevelMatrix<'_>, about: &LevelNodes) -> Vec<f32> {
     /// Of the diagonal block. Single precision rounds at 1e-7 of an entry; assembly cancels
     /// entries to 1e-16 of their terms.
     const ROUNDING: f32 = 1e-12;
-    let size = matrix.b * matrix.b;
+    let size = matrix.b() * matrix.b();
     let norm = |block: &[f32]| {
         let squares = block.iter().map(|&x| f64::from(x) * f64::from(x));
         #[expect(clippy::cast_possible_truncation, reason = "rounding")]
@@ -166,22 +165,21 @@ fn couplings(matrix: &BlockMatrix, about: &LevelNodes) -> Vec<f32> {
     };
     let rows = tasks::map(0..matrix.nodes().div_ceil(ROWS), |_, task| {
         let (mut norms, mut distances) = (Vec::new(), Vec::new());
-        for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
-            let least = ROUNDING * norm(matrix.diagonal_block(i));
-            let columns = &matrix.column[matrix.row(i)];
+        let rows = task * ROWS..matrix.nodes().min((task + 1) * ROWS);
+        let (values, first) = matrix.load(rows.clone());
+        for i in rows {
+            let columns = matrix.columns(i);
+            let block = |k: usize| &values[(matrix.row(i).start + k - first) * size..][..size];
+            let least = ROUNDING * norm(block(columns.partition_point(|&j| (j as usize) < i)));
             distances.clear();
             distances.extend(columns.iter().map(|&j| match j as usize {
                 j if j != i && about.together(i, j) => about.squared_distance(matrix.nodes(), i, j),
                 _ => f64::INFINITY,
             }));
             let far = farthest(&distances);
-            for (at, &distance) in matrix.row(i).zip(&distances) {
+            for (k, &distance) in distances.iter().enumerate() {
                 let near = distance <= far && distance < f64::INFINITY;
-                let norm = if near {
-                    norm(&matrix.values[at * size..(at + 1) * size])
-                } else {
-                    0.0
-                };
+                let norm = if near { norm(block(k)) } else { 0.0 };
                 norms.push(if norm > least { norm } else { 0.0 });
             }
         }

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::power_of_two::times_two_to;
 use crate::linalg::real::Real;
-use crate::linalg::sparse::csc::narrow;
 use crate::tasks;
 
 /// The place of an unknown that no node has, and of a component that no unknown has.
@@ -68,32 +67,6 @@ impl BlockMatrix {
         self.missing.get(node).map_or(0, |&blocks| blocks as usize)
     }
 
-    /// The same matrix with the values of some rows only.
-    pub(super) fn only(&self, rows: &[bool]) -> Self {
-        let size = self.b * self.b;
-        let (mut missing, mut values, mut sum) = (Vec::new(), Vec::new(), 0);
-        for (node, _) in rows.iter().enumerate() {
-            missing.push(sum);
-            let row = self.row(node);
-            if rows[node] {
-                values.extend_from_slice(&self.values[row.start * size..row.end * size]);
-            } else {
-                sum += narrow(row.len());
-            }
-        }
-        values.resize(values.len() + PADDING, 0.0);
-        values.shrink_to_fit();
-        Self {
-            b: self.b,
-            start: Arc::clone(&self.start),
-            column: Arc::clone(&self.column),
-            values,
-            missing,
-            held: Vec::new(),
-            exponent: self.exponent,
-        }
-    }
-
     /// The place of a diagonal block.
     pub(super) fn diagonal(&self, node: usize) -> usize {
         self.place(node, node)
@@ -153,6 +126,16 @@ impl BlockMatrix {
                 }
             }
         });
+    }
+}
+
+/// Gives variables without an unknown, which have no diagonal, the largest one of their node.
+pub(super) fn fill_diagonal(block: &mut [f32], b: usize) {
+    let largest = (0..b).fold(0.0_f32, |most, k| most.max(block[k * b + k]));
+    for k in 0..b {
+        if block[k * b + k] == 0.0 {
+            block[k * b + k] = if largest > 0.0 { largest } else { 1.0 };
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::linalg::amg::aggregates::by_group;
-use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS};
+use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, fill_diagonal};
 use crate::linalg::amg::symmetric_blocks::{StoredBlock, SymmetricBlocks};
 use crate::linalg::parallel::largest;
 use crate::linalg::power_of_two::{exponent, times_two_to};
@@ -141,23 +141,9 @@ impl SymmetricBlocks {
         };
         matrix.hold(held);
         for &node in &changed.nodes {
-            matrix.fill_diagonal(node as usize);
+            let at = matrix.diagonal(node as usize) * size;
+            fill_diagonal(&mut matrix.values[at..at + size], b);
         }
         matrix
-    }
-}
-
-impl BlockMatrix {
-    /// Gives variables without an unknown, which have no diagonal, the largest one of their node.
-    pub(super) fn fill_diagonal(&mut self, node: usize) {
-        let b = self.b;
-        let at = self.diagonal(node) * b * b;
-        let block = &mut self.values[at..at + b * b];
-        let largest = (0..b).fold(0.0_f32, |most, k| most.max(block[k * b + k]));
-        for k in 0..b {
-            if block[k * b + k] == 0.0 {
-                block[k * b + k] = if largest > 0.0 { largest } else { 1.0 };
-            }
-        }
     }
 }

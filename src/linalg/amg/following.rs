@@ -10,7 +10,6 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
-use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin;
 use crate::linalg::amg::hierarchy::{Levels, failure, level, omega, running};
@@ -22,6 +21,7 @@ use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
 use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::settings::CycleSettings;
+use crate::linalg::amg::single_rows::{LevelMatrix, SingleRows};
 use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::amg::tuning;
 
@@ -30,7 +30,6 @@ use crate::linalg::amg::tuning;
 pub struct Following {
     b: usize,
     rows: NodeRows,
-    about: LevelNodes,
     held: Vec<bool>,
     /// Springs of the nodes of `rows`, in the units of the matrix before it was scaled.
     springs: Vec<f64>,
@@ -61,7 +60,8 @@ struct Kept {
 
 impl Following {
     /// `matrix` without held unknowns, but for those without a degree of freedom; `nodes` may
-    /// change. Nothing can be solved before [`Following::update`].
+    /// change, with those that its variables belong to. Nothing can be solved before
+    /// [`Following::update`].
     ///
     /// # Errors
     /// As [`Multigrid::new`].
@@ -69,28 +69,25 @@ impl Following {
     /// # Panics
     /// If an argument has another length.
     pub fn new(
-        mut matrix: BlockMatrix,
-        about: LevelNodes,
+        matrix: &SingleRows<'_>,
+        about: &LevelNodes,
         nodes: Vec<u32>,
         settings: &CycleSettings,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        let held = matrix.held.clone();
-        check_lengths(&matrix, &about, &held);
-        let rows = NodeRows::new(&matrix, nodes);
-        let b = matrix.b;
+        let own = LevelMatrix::Made(matrix);
+        let (b, held) = (own.b(), matrix.matrix().held().to_vec());
+        check_lengths(b, own.nodes(), about, &held);
+        let rows = NodeRows::new(matrix, nodes);
         let springs = vec![0.0; rows.nodes.len() * b * b];
-        for k in 0..rows.nodes.len() {
-            rows.write(k, &mut matrix, &held, &springs[..b * b]);
-        }
-        let mut multigrid = Multigrid::empty(held.len(), matrix.exponent, settings);
+        let mut multigrid = Multigrid::empty(held.len(), own.exponent(), settings);
         let finest = if held.len() <= tuning::dense_unknowns() {
-            Finest::Small(matrix)
+            Finest::Small(matrix.whole())
         } else {
-            let made = level(&matrix, &about, &held, settings.spectrum, stop)?;
-            let reached = reach(&rows.nodes, &made.aggregates, &matrix, &made.p);
+            let made = level(own, about, &held, settings.spectrum, stop)?;
+            let reached = reach(&rows.nodes, &made.aggregates, own, &made.p);
             let near = matrix.only(&reached.needed(&made.p));
-            let (level, aggregates, tentative, coarse) = made.level(ScaledBlocks::replace(matrix));
+            let (level, aggregates, tentative, coarse) = made.level(ScaledBlocks::new(own));
             multigrid.replace(vec![level], Coarsest::none());
             Finest::Large(Box::new(Kept {
                 aggregates,
@@ -102,7 +99,6 @@ impl Following {
         Ok(Self {
             b,
             rows,
-            about,
             held,
             springs,
             finest,
@@ -112,7 +108,7 @@ impl Following {
     }
 
     /// Follows to `held` unknowns and to a spring at each of the nodes that may change, `b × b`
-    /// by columns. The bits do not depend on what was before. After an error this cannot be used.
+    /// by columns; `about` is that of [`Following::new`], too large to be kept. The bits do not depend on what was before. After an error this cannot be used.
     ///
     /// # Errors
     /// As [`Multigrid::new`].
@@ -121,6 +117,7 @@ impl Following {
     /// If an argument has another length.
     pub fn update(
         &mut self,
+        about: &LevelNodes,
         held: &[bool],
         springs: &[f64],
         stop: &AtomicBool,
@@ -155,7 +152,7 @@ impl Following {
         match &mut self.finest {
             Finest::Small(matrix) => {
                 write(matrix);
-                let made = Levels::new(matrix, self.about.clone(), stop)?;
+                let made = Levels::new(matrix, about.clone(), stop)?;
                 self.multigrid.replace(made.list, made.coarsest);
             }
             Finest::Large(kept) => {
@@ -166,11 +163,9 @@ impl Following {
                     .ok_or(failure("the finest level is missing"))?;
                 write(&mut kept.near);
                 let nodes: Vec<u32> = changed.iter().map(|&k| self.rows.nodes[k]).collect();
-                kept.follow(finest, &nodes, &self.about, &self.held, stop)?;
+                kept.follow(finest, &nodes, about, &self.held, stop)?;
                 kept.coarse.replace_dead(&kept.tentative.dead);
-                let next = kept
-                    .aggregates
-                    .coarse(&self.about, kept.tentative.coarse.clone());
+                let next = kept.aggregates.coarse(about, kept.tentative.coarse.clone());
                 let below = Levels::new(&kept.coarse, next, stop)?;
                 kept.coarse.clear_dead(&kept.tentative.dead);
                 levels.extend(below.list);
@@ -192,7 +187,6 @@ impl Following {
 
     /// Memory of all levels, and of what the next change needs.
     pub fn bytes(&self) -> usize {
-        let about = 8 * (self.about.motions.len() + self.about.coordinates.len());
         let finest = match &self.finest {
             Finest::Small(matrix) => matrix.bytes(),
             Finest::Large(kept) => {
@@ -200,7 +194,7 @@ impl Following {
                 matrices + kept.tentative.bytes() + kept.aggregates.bytes()
             }
         };
-        self.multigrid.bytes() + self.rows.bytes() + 8 * self.springs.len() + about + finest
+        self.multigrid.bytes() + self.rows.bytes() + 8 * self.springs.len() + finest
     }
 }
 
@@ -218,11 +212,12 @@ impl Kept {
         for &i in nodes {
             let own = i as usize * b * b;
             let inverse = &mut finest.inverse[own..own + b * b];
-            if !invert_node(near, i as usize, inverse) {
+            if !invert_node(near.diagonal_block(i as usize), inverse) {
                 return Err(failure("a diagonal entry is not positive, or not finite"));
             }
         }
-        let reached = reach(nodes, &self.aggregates, near, &finest.p);
+        let matrix = LevelMatrix::Whole(near);
+        let reached = reach(nodes, &self.aggregates, matrix, &finest.p);
         self.tentative.update(
             &reached.aggregates,
             &self.aggregates,
@@ -232,7 +227,7 @@ impl Kept {
         );
         running(stop)?;
         let of = Smoothed {
-            matrix: near,
+            matrix,
             inverse: &finest.inverse,
             aggregates: &self.aggregates,
             tentative: &self.tentative,
@@ -241,7 +236,7 @@ impl Kept {
         };
         finest.p.smooth(&of, Some(&reached.rows));
         running(stop)?;
-        galerkin::update(&mut self.coarse, near, &finest.p, &reached.coarse);
+        galerkin::update(&mut self.coarse, matrix, &finest.p, &reached.coarse);
         for &i in &reached.changed {
             finest.matrix.copy_row(i as usize, near);
         }
@@ -261,7 +256,12 @@ struct Reach {
     coarse: Vec<bool>,
 }
 
-fn reach(nodes: &[u32], aggregates: &Aggregates, matrix: &BlockMatrix, p: &Prolongation) -> Reach {
+fn reach(
+    nodes: &[u32],
+    aggregates: &Aggregates,
+    matrix: LevelMatrix<'_>,
+    p: &Prolongation,
+) -> Reach {
     let mut which: Vec<u32> = nodes
         .iter()
         .map(|&i| aggregates.of_node[i as usize])
@@ -336,10 +336,10 @@ impl Reached {
     }
 
     /// Adds the neighbours of all nodes.
-    fn spread(&mut self, matrix: &BlockMatrix) {
+    fn spread(&mut self, matrix: LevelMatrix<'_>) {
         for k in 0..self.list.len() {
-            for at in matrix.row(self.list[k] as usize) {
-                self.add(matrix.column[at]);
+            for &node in matrix.columns(self.list[k] as usize) {
+                self.add(node);
             }
         }
     }

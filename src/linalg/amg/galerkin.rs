@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
-use crate::linalg::amg::block_rows::Blocks as _;
 use crate::linalg::amg::prolongation::Prolongation;
+use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::pages::zeros;
@@ -28,16 +28,16 @@ macro_rules! with_sizes {
 pub(super) use with_sizes;
 
 /// `Pᵀ A P`, exactly symmetric.
-pub(super) fn galerkin(matrix: &BlockMatrix, p: &Prolongation) -> BlockMatrix {
+pub(super) fn galerkin(matrix: LevelMatrix<'_>, p: &Prolongation) -> BlockMatrix {
     let upper = upper_triangle(matrix, p, None, None);
-    whole(&upper, p.m, matrix.exponent)
+    whole(&upper, p.m, matrix.exponent())
 }
 
 /// Computes the blocks of `coarse = Pᵀ A P` between `changed` coarse nodes anew, to the bits of
 /// [`galerkin`].
 pub(super) fn update(
     coarse: &mut BlockMatrix,
-    matrix: &BlockMatrix,
+    matrix: LevelMatrix<'_>,
     p: &Prolongation,
     changed: &[bool],
 ) {
@@ -88,7 +88,7 @@ struct Product {
 }
 
 struct ProductRows<'a> {
-    matrix: &'a BlockMatrix,
+    matrix: LevelMatrix<'a>,
     p: &'a Prolongation,
     needed: Option<&'a [bool]>,
     task: usize,
@@ -110,16 +110,18 @@ impl<const B: usize, const M: usize, const L: usize> WideWork for SizedProductRo
             product,
         } = self.0;
         let mut sums: Vec<[[f32; L]; B]> = Vec::new();
-        for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
+        let rows = task * ROWS..matrix.nodes().min((task + 1) * ROWS);
+        let (loaded, first) = matrix.load(rows.clone());
+        for i in rows {
             product.start.push(narrow(product.column.len()));
             if needed.is_some_and(|needed| !needed[i]) {
                 continue;
             }
             sums.clear();
-            let skipped = matrix.skipped(i);
-            for at in matrix.row(i) {
-                let a = &matrix.values[(at - skipped) * B * B..][..B * B];
-                for q in p.row(matrix.column[at] as usize) {
+            let skipped = first + matrix.skipped(i);
+            for (at, &j) in matrix.row(i).zip(matrix.columns(i)) {
+                let a = &loaded[(at - skipped) * B * B..][..B * B];
+                for q in p.row(j as usize) {
                     let (slot, new) = slots.slot(p.column[q]);
                     if new {
                         sums.push([[0.0; L]; B]);
@@ -168,7 +170,7 @@ const WINDOW: usize = 64 * COARSE_ROWS;
 /// The rows and columns of `changed` coarse nodes, or all; `needed` are the fine nodes that these
 /// read.
 fn upper_triangle(
-    matrix: &BlockMatrix,
+    matrix: LevelMatrix<'_>,
     p: &Prolongation,
     changed: Option<&[bool]>,
     needed: Option<&[bool]>,

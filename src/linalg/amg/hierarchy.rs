@@ -13,6 +13,7 @@ use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
 use crate::linalg::amg::scaled_blocks::ScaledBlocks;
+use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::amg::spectrum::bound;
 use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::amg::tuning;
@@ -64,7 +65,7 @@ impl Made {
 /// [`Error::Multigrid`] if a diagonal is not positive, a number leaves the range, or the nodes
 /// are not coupled; [`Error::Interrupted`] if `stop` is set.
 pub(super) fn level(
-    matrix: &BlockMatrix,
+    matrix: LevelMatrix<'_>,
     about: &LevelNodes,
     held: &[bool],
     spectrum: Option<f64>,
@@ -74,21 +75,24 @@ pub(super) fn level(
     let inverse = inverse_diagonal(matrix)
         .ok_or(failure("a diagonal entry is not positive, or not finite"))?;
     let spectrum = spectrum
-        .or_else(|| bound(matrix, &inverse))
+        .or_else(|| match matrix {
+            LevelMatrix::Whole(matrix) => bound(matrix.b, &inverse, |x, y| matrix.product(x, y)),
+            LevelMatrix::Made(rows) => rows.spectrum(),
+        })
         .filter(|bound| *bound > 0.0 && bound.is_finite())
         .ok_or(failure(
             "the spectrum of a level is not positive and finite",
         ))?;
     running(stop)?;
     let aggregates = Aggregates::new(matrix, about);
-    let unknowns = matrix.b * matrix.nodes();
+    let unknowns = matrix.b() * matrix.nodes();
     let m = about.motions.len() / unknowns;
     if aggregates.count() * m * 3 > unknowns * 2 {
         return Err(failure(
             "the nodes of a level are not coupled to one another",
         ));
     }
-    let tentative = Tentative::new(&aggregates, &about.motions, held, matrix.b, m);
+    let tentative = Tentative::new(&aggregates, &about.motions, held, matrix.b(), m);
     running(stop)?;
     let of = Smoothed {
         matrix,
@@ -132,8 +136,9 @@ impl Levels {
         let mut matrix = Cow::Borrowed(finest);
         while matrix.b * matrix.nodes() > tuning::dense_unknowns() && list.len() < MOST_LEVELS {
             let held = vec![false; matrix.b * matrix.nodes()];
-            let made = level(&matrix, &about, &held, None, stop)?;
-            let (level, aggregates, tentative, coarse) = made.level(ScaledBlocks::new(&matrix));
+            let own = LevelMatrix::Whole(&matrix);
+            let made = level(own, &about, &held, None, stop)?;
+            let (level, aggregates, tentative, coarse) = made.level(ScaledBlocks::new(own));
             matrix = Cow::Owned(coarse);
             matrix.to_mut().replace_dead(&tentative.dead);
             about = aggregates.coarse(&about, tentative.coarse);

@@ -1,33 +1,37 @@
 //! Inverses of the diagonal blocks, which scale the smoother.
 
-use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
+use crate::linalg::amg::block_matrix::ROWS;
+use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::amg::tuning;
 use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::tasks;
 
 /// The inverse of each diagonal block, by columns; `None` if a diagonal is not positive.
-pub(super) fn inverse_diagonal(matrix: &BlockMatrix) -> Option<Vec<f32>> {
-    let b = matrix.b;
+pub(super) fn inverse_diagonal(matrix: LevelMatrix<'_>) -> Option<Vec<f32>> {
+    let b = matrix.b();
     let mut inverse = zeros(matrix.nodes() * b * b);
     let valid = tasks::map(inverse.chunks_mut(ROWS * b * b), |task, part| {
         let mut valid = true;
-        for (k, inverse) in part.chunks_exact_mut(b * b).enumerate() {
-            valid &= invert_node(matrix, task * ROWS + k, inverse);
+        let rows = task * ROWS..task * ROWS + part.len() / (b * b);
+        let (values, first) = matrix.load(rows.clone());
+        for (i, inverse) in rows.zip(part.chunks_exact_mut(b * b)) {
+            let left = matrix.columns(i).partition_point(|&j| (j as usize) < i);
+            let at = (matrix.row(i).start + left - first) * b * b;
+            valid &= invert_node(&values[at..at + b * b], inverse);
         }
         valid
     });
     valid.iter().all(|&valid| valid).then_some(inverse)
 }
 
-/// Writes the inverse of the diagonal block of a node; returns whether the diagonal is positive.
-pub(super) fn invert_node(matrix: &BlockMatrix, node: usize, inverse: &mut [f32]) -> bool {
-    let b = matrix.b;
+/// Writes the inverse of a diagonal block; returns whether its diagonal is positive.
+pub(super) fn invert_node(of: &[f32], inverse: &mut [f32]) -> bool {
     let mut block = [0.0; 36];
-    for (to, from) in block.iter_mut().zip(matrix.diagonal_block(node)) {
+    for (to, from) in block.iter_mut().zip(of) {
         *to = from.double();
     }
-    let valid = invert(&mut block[..b * b], b);
+    let valid = invert(&mut block[..of.len()], of.len().isqrt());
     for (to, &from) in inverse.iter_mut().zip(&block) {
         *to = f32::rounded(from);
     }

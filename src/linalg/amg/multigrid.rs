@@ -7,25 +7,24 @@ use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::cycle::{CycleMemory, visit};
 use crate::linalg::amg::hierarchy::{Levels, level};
-use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::settings::CycleSettings;
-use crate::linalg::amg::spectrum::bound;
+use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::amg::tuning;
 use crate::linalg::parallel::{largest, map2};
 use crate::linalg::power_of_two::{exponent, factors};
 use crate::linalg::real::Real;
 
 /// Checks the lengths of what a hierarchy is made of.
-pub(super) fn check_lengths(matrix: &BlockMatrix, about: &LevelNodes, held: &[bool]) {
-    let n = matrix.b * matrix.nodes();
-    let m = if matrix.b == 2 { 3 } else { 6 };
+pub(super) fn check_lengths(b: usize, nodes: usize, about: &LevelNodes, held: &[bool]) {
+    let n = b * nodes;
+    let m = if b == 2 { 3 } else { 6 };
     assert_eq!(held.len(), n);
     assert_eq!(about.motions.len(), n * m);
     assert!(about.coordinates.is_empty() || about.coordinates.len() == n);
-    assert!(about.bodies.is_empty() || about.bodies.len() == matrix.nodes());
+    assert!(about.bodies.is_empty() || about.bodies.len() == nodes);
 }
 
 /// Smoothed aggregation for elasticity [Vaněk, Mandel & Brezina 1996], in single precision.
@@ -58,14 +57,20 @@ impl Multigrid {
         settings: &CycleSettings,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        check_lengths(&matrix, &about, held);
+        check_lengths(matrix.b, matrix.nodes(), &about, held);
         let n = held.len();
         let exponent = matrix.exponent;
         let all: Vec<bool> = held.iter().zip(&matrix.held).map(|(a, b)| a | b).collect();
         let made = if n <= tuning::dense_unknowns() {
             Levels::new(&matrix, about, stop)?
         } else {
-            let made = level(&matrix, &about, &all, settings.spectrum, stop)?;
+            let made = level(
+                LevelMatrix::Whole(&matrix),
+                &about,
+                &all,
+                settings.spectrum,
+                stop,
+            )?;
             let (level, aggregates, tentative, mut coarse) =
                 made.level(ScaledBlocks::replace(matrix));
             coarse.replace_dead(&tentative.dead);
@@ -138,14 +143,6 @@ impl Multigrid {
         );
         let [first, second] = factors(shift - self.exponent);
         map2(x, &self.x, |_, x: f32| x.double() * first * second);
-    }
-
-    /// A bound of the eigenvalues of `D⁻¹ A`; `None` if a diagonal is not positive, or numbers are
-    /// not finite. It holds for every matrix that holds more unknowns, or adds positive
-    /// semidefinite diagonal blocks: both restrict the Rayleigh quotient or move it towards one.
-    pub fn spectrum_of(matrix: &BlockMatrix) -> Option<f64> {
-        let inverse = inverse_diagonal(matrix)?;
-        bound(matrix, &inverse).filter(|bound| *bound > 0.0 && bound.is_finite())
     }
 
     /// Memory of all levels.

@@ -1,7 +1,8 @@
 //! Rows of a few nodes, which unknowns that are held, and springs, change.
 
-use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING};
 use crate::linalg::amg::block_rows::Blocks as _;
+use crate::linalg::amg::single_rows::{LevelMatrix, SingleRows};
 use crate::linalg::power_of_two::times_two_to;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
@@ -19,30 +20,18 @@ pub(super) struct NodeRows {
 }
 
 impl NodeRows {
-    pub(super) fn new(matrix: &BlockMatrix, nodes: Vec<u32>) -> Self {
-        let (b, size) = (matrix.b, matrix.b * matrix.b);
-        let mut among = vec![false; matrix.nodes()];
-        for &i in &nodes {
-            among[i as usize] = true;
-        }
+    pub(super) fn new(rows: &SingleRows<'_>, nodes: Vec<u32>) -> Self {
+        let matrix = LevelMatrix::Made(rows);
         let (mut start, mut mirror, mut values) = (vec![0], Vec::new(), Vec::new());
-        for &i in &nodes {
-            for at in matrix.row(i as usize) {
-                let j = matrix.column[at];
-                let other = matrix.place(j as usize, i as usize);
-                // Two mirror images may differ by rounding: rows of both nodes take one.
-                let from = if among[j as usize] && j < i {
-                    other
-                } else {
-                    at
-                };
-                let block = &matrix.values[from * size..(from + 1) * size];
-                mirror.push(narrow(other));
-                values.extend((0..size).map(|k| {
-                    let transposed = k % b * b + k / b;
-                    block[if from == at { k } else { transposed }]
-                }));
+        for i in nodes.iter().map(|&i| i as usize) {
+            for &j in matrix.columns(i) {
+                let left = matrix
+                    .columns(j as usize)
+                    .partition_point(|&k| (k as usize) < i);
+                mirror.push(narrow(matrix.row(j as usize).start + left));
             }
+            values.extend(rows.load(i..i + 1, false));
+            values.truncate(values.len() - PADDING);
             start.push(mirror.len());
         }
         Self {

@@ -6,9 +6,9 @@
 //! cells, where its smoothing would gain nothing.
 
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
-use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
-use crate::linalg::amg::block_rows::Blocks as _;
+use crate::linalg::amg::block_matrix::{ABSENT, PADDING, ROWS, cut};
 use crate::linalg::amg::nodes::LevelNodes;
+use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::tentative::{LANES, Tentative};
 use crate::linalg::amg::wide::{WideWork, widest};
@@ -54,7 +54,7 @@ impl Prolongation {
     /// Smooths `T` once.
     pub(super) fn new(of: &Smoothed<'_>, m: usize) -> Self {
         let (matrix, aggregates) = (of.matrix, of.aggregates);
-        let (b, nodes) = (matrix.b, matrix.nodes());
+        let (b, nodes) = (matrix.b(), matrix.nodes());
         let start = starts(matrix, aggregates);
         let blocks = start[nodes] as usize;
         let mut made = Self {
@@ -124,7 +124,7 @@ pub(super) fn choose_tasks<T: Send>(
 
 /// What `P` is made of.
 pub(super) struct Smoothed<'a> {
-    pub(super) matrix: &'a BlockMatrix,
+    pub(super) matrix: LevelMatrix<'a>,
     /// Inverses of the diagonal blocks.
     pub(super) inverse: &'a [f32],
     pub(super) aggregates: &'a Aggregates,
@@ -136,7 +136,7 @@ pub(super) struct Smoothed<'a> {
 }
 
 /// Start of each row of `P`: the aggregates of the neighbours of each node.
-fn starts(matrix: &BlockMatrix, aggregates: &Aggregates) -> Vec<u32> {
+fn starts(matrix: LevelMatrix<'_>, aggregates: &Aggregates) -> Vec<u32> {
     let nodes = matrix.nodes();
     let mut start = vec![0; nodes + 1];
     tasks::for_each_with(
@@ -145,8 +145,8 @@ fn starts(matrix: &BlockMatrix, aggregates: &Aggregates) -> Vec<u32> {
         |slots, task, counts| {
             for (k, count) in counts.iter_mut().enumerate() {
                 let i = task * ROWS + k;
-                for at in matrix.row(i) {
-                    let j = matrix.column[at] as usize;
+                for (at, &j) in matrix.row(i).zip(matrix.columns(i)) {
+                    let j = j as usize;
                     let aggregate = aggregates.of_node[j];
                     let counts = j == i || aggregates.coupled[at];
                     if counts && aggregate != ABSENT {
@@ -197,7 +197,9 @@ impl<const B: usize> WideWork for SizedProlongationRows<'_, B> {
         let (of_node, place) = (&of.aggregates.of_node, &of.aggregates.place);
         let (of_members, _) = tentative.rows.as_chunks::<B>();
         let mut sums: Vec<[[f32; LANES]; B]> = Vec::new();
-        for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
+        let rows = task * ROWS..matrix.nodes().min((task + 1) * ROWS);
+        let (loaded, first) = matrix.load(rows.clone());
+        for i in rows {
             if needed.is_some_and(|needed| !needed[i]) {
                 let blocks = (start[i + 1] - start[i]) as usize;
                 columns = &mut columns[blocks..];
@@ -206,9 +208,9 @@ impl<const B: usize> WideWork for SizedProlongationRows<'_, B> {
             }
             sums.clear();
             // A T, a row of blocks.
-            let skipped = matrix.skipped(i);
-            for at in matrix.row(i) {
-                let j = matrix.column[at] as usize;
+            let skipped = first + matrix.skipped(i);
+            for (at, &j) in matrix.row(i).zip(matrix.columns(i)) {
+                let j = j as usize;
                 let weak = j != i && !of.aggregates.coupled[at];
                 let aggregate = of_node[if weak { i } else { j }];
                 if aggregate == ABSENT {
@@ -218,7 +220,7 @@ impl<const B: usize> WideWork for SizedProlongationRows<'_, B> {
                 if new {
                     sums.push([[0.0; LANES]; B]);
                 }
-                let block = &matrix.values[(at - skipped) * B * B..][..B * B];
+                let block = &loaded[(at - skipped) * B * B..][..B * B];
                 let rows = if weak {
                     &tentative.extended(aggregate, j, &of.about.motions)
                 } else {

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::block_rows::Blocks;
+use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::pages::zeros;
 use crate::tasks;
 
@@ -35,7 +36,7 @@ pub(super) struct ScaledBlocks {
 }
 
 impl ScaledBlocks {
-    pub(super) fn new(matrix: &BlockMatrix) -> Self {
+    pub(super) fn new(matrix: LevelMatrix<'_>) -> Self {
         let mut made = Self::zeros(matrix);
         made.write_rows(matrix, 0..matrix.nodes());
         made
@@ -45,11 +46,11 @@ impl ScaledBlocks {
     pub(super) fn replace(mut matrix: BlockMatrix) -> Self {
         /// The matrix takes as much at the most beside this part of it.
         const PARTS: usize = 8;
-        let mut made = Self::zeros(&matrix);
+        let mut made = Self::zeros(LevelMatrix::Whole(&matrix));
         let nodes = matrix.nodes();
         for part in (0..PARTS).rev() {
             let rows = nodes * part / PARTS..nodes * (part + 1) / PARTS;
-            made.write_rows(&matrix, rows.clone());
+            made.write_rows(LevelMatrix::Whole(&matrix), rows.clone());
             let left = matrix.start[rows.start] as usize * matrix.b * matrix.b;
             matrix.values.truncate(left);
             matrix.values.shrink_to_fit();
@@ -57,18 +58,19 @@ impl ScaledBlocks {
         made
     }
 
-    fn zeros(matrix: &BlockMatrix) -> Self {
-        let blocks = matrix.column.len();
+    fn zeros(matrix: LevelMatrix<'_>) -> Self {
+        let (b, (start, column)) = (matrix.b(), matrix.pattern());
+        let blocks = column.len();
         Self {
-            b: matrix.b,
-            start: Arc::clone(&matrix.start),
-            column: Arc::clone(&matrix.column),
-            values: zeros(blocks * matrix.b * matrix.b + PADDING),
+            b,
+            start: Arc::clone(start),
+            column: Arc::clone(column),
+            values: zeros(blocks * b * b + PADDING),
             exponent: zeros(blocks),
         }
     }
 
-    fn write_rows(&mut self, matrix: &BlockMatrix, rows: Range<usize>) {
+    fn write_rows(&mut self, matrix: LevelMatrix<'_>, rows: Range<usize>) {
         let (size, first) = (self.b * self.b, self.start[rows.start] as usize);
         let place = |i: usize| self.start[rows.start + i] as usize - first;
         let exponents = cut(&mut self.exponent[first..], rows.len(), place);
@@ -76,8 +78,10 @@ impl ScaledBlocks {
             place(i) * size
         });
         tasks::for_each(parts.into_iter().zip(exponents), |task, (to, exponents)| {
-            let first = self.start[rows.start + task * ROWS] as usize * size;
-            let from = &matrix.values[first..first + to.len()];
+            let own = rows.start + task * ROWS..rows.end.min(rows.start + (task + 1) * ROWS);
+            let at = self.start[own.start] as usize;
+            let (values, first) = matrix.load(own);
+            let from = &values[(at - first) * size..][..to.len()];
             let blocks = to.chunks_exact_mut(size).zip(from.chunks_exact(size));
             for ((to, from), exponent) in blocks.zip(exponents) {
                 *exponent = write(from, to);

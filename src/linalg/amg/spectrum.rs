@@ -1,6 +1,5 @@
 //! An upper bound of the eigenvalues of `D⁻¹ A`, `D` the diagonal blocks of `A`.
 
-use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::block_rows::{StepCoefficients, first_step};
 use crate::linalg::amg::tuning;
 use crate::linalg::parallel::{axpy, dot, xpay};
@@ -8,9 +7,14 @@ use crate::linalg::random_signs::random_signs;
 use crate::linalg::real::Real;
 
 /// A bound of the largest eigenvalue, from the coefficients of conjugate gradients with the
-/// preconditioner `D`; `None` if the numbers leave the range.
-pub(super) fn bound(matrix: &BlockMatrix, inverse: &[f32]) -> Option<f64> {
-    let n = matrix.b * matrix.nodes();
+/// preconditioner `D`, of `b × b` blocks; `None` if the numbers leave the range. `product` writes
+/// `A x` to its second argument.
+pub(super) fn bound(
+    b: usize,
+    inverse: &[f32],
+    mut product: impl FnMut(&[f32], &mut [f32]),
+) -> Option<f64> {
+    let n = inverse.len() / b;
     let mut r: Vec<f32> = random_signs(n, 1).into_iter().map(f32::rounded).collect();
     let (mut z, mut d, mut q) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     let mut p = vec![0.0_f32; n];
@@ -23,7 +27,7 @@ pub(super) fn bound(matrix: &BlockMatrix, inverse: &[f32]) -> Option<f64> {
     let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
     let (mut last, mut carried) = (0.0, 0.0);
     for step in 0..tuning::spectrum_steps() {
-        first_step(matrix.b, inverse, &r, &mut d, &mut z, unit);
+        first_step(b, inverse, &r, &mut d, &mut z, unit);
         let size = dot(&r, &z);
         if !(size > 0.0) {
             break;
@@ -31,7 +35,7 @@ pub(super) fn bound(matrix: &BlockMatrix, inverse: &[f32]) -> Option<f64> {
         let beta = if step == 0 { 0.0 } else { size / last };
         last = size;
         xpay(&z, beta, &mut p);
-        matrix.product(&p, &mut q);
+        product(&p, &mut q);
         let alpha = size / dot(&p, &q);
         if !(alpha > 0.0) {
             break;

@@ -8,12 +8,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
+use crate::linalg::amg::block_matrix::{ABSENT, PADDING, ROWS, cut};
 use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::compensated::Sum;
 use crate::linalg::pages::zeros;
 use crate::linalg::parallel::largest;
-use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
 use crate::linalg::union::Union;
@@ -227,35 +226,9 @@ impl SymmetricBlocks {
         largest(&self.values)
     }
 
-    /// The matrix in single precision, divided by a power of two near its largest diagonal.
-    pub fn to_single(&self) -> BlockMatrix {
-        let (size, largest) = (self.b * self.b, self.largest());
-        let exponent = if largest.is_finite() {
-            exponent(largest)
-        } else {
-            0
-        };
-        let factor = times_two_to(1.0, -exponent);
-        let mut values = zeros(self.column.len() * size + PADDING);
-        let parts = cut(&mut values, self.nodes(), |i| self.start[i] as usize * size);
-        tasks::for_each(parts, |task, part| {
-            let rows = task * ROWS..self.nodes().min((task + 1) * ROWS);
-            let blocks = rows.flat_map(|i| self.row(i));
-            for (to, (_, block)) in part.chunks_exact_mut(size).zip(blocks) {
-                block.for_each(self.b, |row, column, value| {
-                    to[column * self.b + row] = f32::rounded(value * factor);
-                });
-            }
-        });
-        BlockMatrix {
-            b: self.b,
-            start: Arc::clone(&self.start),
-            column: Arc::clone(&self.column),
-            values,
-            missing: Vec::new(),
-            held: self.held.clone(),
-            exponent,
-        }
+    /// Starts of rows, and columns of all their blocks.
+    pub(super) fn pattern(&self) -> (&Arc<Vec<u32>>, &Arc<Vec<u32>>) {
+        (&self.start, &self.column)
     }
 
     /// `y = A x`, for vectors of `b` entries for each node.
