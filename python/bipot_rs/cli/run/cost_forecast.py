@@ -141,9 +141,10 @@ def cost(counts: Record, model: Assembly, steps: int) -> list[str]:
     if "engine" in counts:
         engine = [f"  engine    {counts['engine']}: {counts['engine_reason']}"]
     if counts.get("engine") == "iterative":
+        whole = size(_iterative_bytes(counts, model) + tuning.INTERPRETER_BYTES)
         return [
             *engine,
-            f"  memory    about {size(_iterative_bytes(counts, model) + tuning.INTERPRETER_BYTES)}{of}",
+            f"  memory    about {whole}{of}",
             f"  time      {duration(seconds(counts, threads))} for all load steps",
         ]
     of_step = tuning.COPIES_OF_W * 8.0 * float(counts["n_contact_dofs"]) ** 2
@@ -247,4 +248,6 @@ def assembly(scene: Scene) -> float:
 def _entries(meshed: Sequence[Body]) -> float:
     """Likewise, for bodies that are meshed."""
     shapes = [(*body.cells.shape, body.dim) for body in meshed]
-    return float(sum(m * (nodes * d) ** 2 * tuning.LEAST_BYTES for m, nodes, d in shapes))
+    return float(
+        sum(m * (nodes * d) ** 2 * tuning.LEAST_BYTES for m, nodes, d in shapes)
+    )
