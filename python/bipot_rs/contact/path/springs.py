@@ -69,9 +69,8 @@ class Springs:
         diagonal = _core.diagonal(parts, num_threads)
         bare = diagonal == 0.0
         bare[fixed] = False
-        dofs = [
-            i for i in np.flatnonzero(bare) if not value[start[i] : start[i + 1]].any()
-        ]
+        zero = np.flatnonzero(bare).tolist()
+        dofs = [i for i in zero if not value[start[i] : start[i + 1]].any()]
         largest = float(diagonal.max(initial=0.0))
         return cls.hold(dofs, tuning.LOOSE_SPRING * largest, len(diagonal), d)
 
