@@ -48,6 +48,11 @@ pub fn for_each_together<I: Send>(
     together: usize,
     work: impl Fn(usize, I) + Sync,
 ) {
+    let items: Vec<I> = items.into_iter().collect();
+    if items.len() <= together || rayon::current_thread_index().is_none() {
+        let items = items.into_iter().enumerate();
+        return items.for_each(|(number, item)| work(number, item));
+    }
     let items: Vec<Mutex<Option<I>>> = items.into_iter().map(|i| Mutex::new(Some(i))).collect();
     for_each_index(items.len(), together, &|number| {
         let item = lock(&items[number]).take();

@@ -1,6 +1,7 @@
 //! A reduced problem in the plane or in space.
 
 use std::borrow::Cow;
+use std::ops::RangeInclusive;
 use std::sync::atomic::AtomicBool;
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
@@ -32,8 +33,11 @@ pub(super) type IslandArrays = (
     Option<(Vec<usize>, Vec<usize>)>,
 );
 
-/// Problems of so many contacts are solved on the calling thread.
-const FEW: usize = 8;
+/// Problems of so many contacts are solved on the calling thread: to wake another takes longer
+/// than a second thread saves.
+const FEW: usize = 100;
+/// Of so many, all statuses may be tried, without a look at signals.
+const LONG: RangeInclusive<usize> = 9..=enumerate::MOST_CONTACTS;
 
 /// The part of `W` of an island.
 enum Stored<const D: usize> {
@@ -163,7 +167,8 @@ impl<const D: usize> ReducedArrays<D> {
         }
         // Rayon has other ways to its global pool in sparse factorisations.
         let dense = views.iter().all(Option::is_some) && self.rigid.modes.is_empty();
-        if self.contacts() <= FEW && dense && callback.is_none() {
+        let short = D == 3 || !LONG.contains(&self.contacts());
+        if self.contacts() <= FEW && short && dense && callback.is_none() {
             let _ = crate::threads::count(num_threads)?;
             let progress = Progress::asking(interrupt::look_here);
             return interrupt::here(py, |stop| work(Compliance::new(parts)?, stop, &progress));

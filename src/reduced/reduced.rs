@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
 use crate::error::Error;
+use crate::law::bipotential::law_step;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{Block, length, norm};
@@ -45,6 +46,8 @@ pub struct Reduced<'a, const D: usize> {
     pub contradiction: Option<(usize, f64)>,
     /// [`Reduced::whole`] with rows and columns of the rigid motions, made on first use.
     bordered: OnceLock<Arc<Whole<D>>>,
+    /// [`Reduced::free_size`], made on first use.
+    free_size: OnceLock<f64>,
 }
 
 impl<'a, const D: usize> Reduced<'a, D> {
@@ -94,6 +97,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
             scaling,
             contradiction,
             bordered: OnceLock::new(),
+            free_size: OnceLock::new(),
         })
     }
 
@@ -116,6 +120,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
         other.q.fill([0.0; D]);
         other.scaling = Scaling::new(self.compliance, &other.q, &self.rigid)?;
         other.contradiction = None;
+        other.free_size = OnceLock::new();
         Ok(other)
     }
 
@@ -181,6 +186,25 @@ impl<'a, const D: usize> Reduced<'a, D> {
             }
         }
         v
+    }
+
+    /// `‖F(0)‖` with the rigid motion `a`, which is always the same if there are none.
+    pub fn free_size(&self, a: &[f64]) -> f64 {
+        let find = || {
+            let mut free = vec![[0.0; D]; self.contacts()];
+            self.add_rest(a, &mut free);
+            let of_contact = |(i, v): (usize, &[f64; D])| {
+                let v = v.map(|c| c * self.scaling.to_v[i]);
+                let (projected, _) = law_step(&[0.0; D], &v, 1.0, self.scaled_law(i));
+                projected.iter().map(|c| c * c).sum::<f64>()
+            };
+            free.iter().enumerate().map(of_contact).sum::<f64>().sqrt()
+        };
+        if self.rigid.modes.is_empty() {
+            *self.free_size.get_or_init(find)
+        } else {
+            find()
+        }
     }
 
     /// `v += R a + q`.

@@ -176,17 +176,7 @@ pub(super) fn law_norm<const D: usize>(
 
 /// `max(‖r̂‖, ‖F(0)‖)`.
 fn size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 {
-    let mut free = vec![[0.0; D]; r.len()];
-    problem.add_rest(a, &mut free);
-    let at_zero = free.iter().enumerate().map(|(i, v)| {
-        let v = v.map(|c| c * problem.scaling.to_v[i]);
-        let (projected, _) = bipotential::law_step(&[0.0; D], &v, 1.0, problem.scaled_law(i));
-        projected.iter().map(|c| c * c).sum::<f64>()
-    });
-    at_zero
-        .sum::<f64>()
-        .sqrt()
-        .max(problem.scaling.reaction_norm(r))
+    problem.free_size(a).max(problem.scaling.reaction_norm(r))
 }
 
 /// `‖ê‖`, or `‖r̂‖` if no load acts on the rigid motions. If the loads are smaller than the

@@ -8,6 +8,8 @@
 //! `q + R̂ (â + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` after each sweep. Anderson's method treats
 //! `r̂` and `â` as one unknown.
 
+use std::borrow::Cow;
+
 use crate::law::bipotential::law_step;
 use crate::law::one_node::{self, Habit};
 use crate::linalg::small::{Block, Vector};
@@ -145,14 +147,13 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         v
     }
 
-    fn total(&self, point: &GaussSeidelPoint<D>) -> Vec<[f64; D]> {
+    fn total<'v>(&self, point: &'v GaussSeidelPoint<D>) -> Cow<'v, [[f64; D]]> {
+        if self.problem.rigid.modes.is_empty() {
+            return Cow::Borrowed(&point.v);
+        }
         let motion = point.motion();
-        point
-            .v
-            .iter()
-            .enumerate()
-            .map(|(i, v)| self.with_rigid(i, v, &motion))
-            .collect()
+        let v = point.v.iter().enumerate();
+        v.map(|(i, v)| self.with_rigid(i, v, &motion)).collect()
     }
 
     /// The law, linearised at a point.
@@ -205,7 +206,8 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 anderson.restart();
                 continue;
             }
-            if sweep % tuning::sweep_refresh() == 0 {
+            let refresh = sweep % tuning::sweep_refresh() == 0;
+            if refresh {
                 monitor.measure_floor(&point.r, &self.rigid_motion(point));
                 self.refresh(point);
             }
@@ -216,7 +218,12 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             f.extend(point.a.iter().zip(&before.1).map(|(x, y)| x - y));
             if let Some(next) = anderson.extrapolate(&f, &point.pack()) {
                 let next = point.unpack(&next);
-                if self.residual(&next) <= tuning::extrapolation_trust() * self.residual(point) {
+                let here = if refresh || !point.a.is_empty() {
+                    self.residual(point)
+                } else {
+                    monitor.residual()
+                };
+                if self.residual(&next) <= tuning::extrapolation_trust() * here {
                     *point = next;
                 } else {
                     anderson.restart();

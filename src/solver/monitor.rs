@@ -99,6 +99,8 @@ pub struct Monitor<'p, const D: usize> {
 pub struct Log<const D: usize> {
     pub best_reaction: Vec<[f64; D]>,
     pub best_rigid: Vec<f64>,
+    /// That of the best point, if it has converged.
+    pub certificate: Option<Certificate<D>>,
     pub iterations: usize,
     pub work: f64,
     pub history: Vec<(f64, f64)>,
@@ -145,6 +147,14 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.settings.tol
     }
 
+    /// η of the last point that it was shown.
+    pub fn residual(&self) -> f64 {
+        self.log
+            .history
+            .last()
+            .map_or(f64::INFINITY, |point| point.1)
+    }
+
     /// Iterations so far.
     pub fn iterations(&self) -> usize {
         self.log.iterations
@@ -177,6 +187,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.history.push((self.log.work, nothing.residual));
             self.log.best_reaction.fill([0.0; D]);
             self.log.best_rigid.copy_from_slice(a);
+            self.log.certificate = Some(nothing);
             return Err(Ended::Stopped(Outcome::Converged));
         }
         self.log.history.push((self.log.work, eta.min(f64::MAX)));
@@ -194,6 +205,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 self.best = fresh.residual;
                 self.log.best_reaction.copy_from_slice(r);
                 self.log.best_rigid.copy_from_slice(a);
+                self.log.certificate = converged.then_some(fresh);
             }
             self.tell();
             if converged {
@@ -211,6 +223,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.best = eta;
             self.log.best_reaction.copy_from_slice(r);
             self.log.best_rigid.copy_from_slice(a);
+            self.log.certificate = None;
         }
         self.tell();
         if eta < 0.5 * self.halved {

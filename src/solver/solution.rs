@@ -54,7 +54,9 @@ pub(super) fn finish<const D: usize>(
     outcome: Outcome,
 ) -> Solution<D> {
     let log = monitor.into_log();
-    let certificate = Certificate::new(problem, &log.best_reaction, &log.best_rigid);
+    let certificate = log
+        .certificate
+        .unwrap_or_else(|| Certificate::new(problem, &log.best_reaction, &log.best_rigid));
     let mut solution = Solution {
         outcome: match (certificate.converged(settings.tol), outcome) {
             (true, _) => Outcome::Converged,

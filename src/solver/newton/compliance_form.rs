@@ -89,7 +89,7 @@ pub struct Solved<const D: usize> {
 
 impl<'p, const D: usize> ComplianceForm<'p, D> {
     pub fn new(problem: &'p Reduced<'p, D>, law: &Linearisation<D>) -> Self {
-        let mut rows = Vec::new();
+        let mut rows = Vec::with_capacity(law.at.len());
         let mut first = 0;
         for (node, at) in law.at.iter().enumerate() {
             if is_free(problem, node, at.status) {

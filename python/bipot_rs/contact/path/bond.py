@@ -16,7 +16,7 @@ from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.path.contacts import Contacts
-from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.solution import Step, revise
 
 # Rounding of coordinates in mesh files, relative to the extent of the contacts.
 _ROUNDING = 1e-9
@@ -93,7 +93,7 @@ class Bond:
             return step
         total = step.relative_displacement.copy()
         total[:, 0] += self.dilation
-        return replace(step, relative_displacement=total)
+        return revise(step, relative_displacement=total)
 
     def break_opened(self, step: Touched) -> Bond:
         """The bond after the contacts that opened in a step break, itself if there are none."""
@@ -109,7 +109,7 @@ class Bond:
         """A step with what broke since ``before``, and with the dilation of its slip."""
         remarks = self._describe_breaking(before)
         dilation, lift = self.lift(step)
-        return replace(
+        return revise(
             step, broken=self.broken, remarks=remarks, dilation=dilation, lift=lift
         )
 

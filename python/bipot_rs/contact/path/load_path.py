@@ -49,7 +49,7 @@ from bipot_rs.contact.results.core_answer import find_opening, make_step
 from bipot_rs.contact.results.derivatives import PathDerivatives
 from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
-from bipot_rs.contact.results.solution import Computed, Recovery, Step
+from bipot_rs.contact.results.solution import Computed, Recovery, Step, revise
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start
@@ -261,7 +261,7 @@ class PathSolver:
         step = self._complete(step, load, prescribed, gap)
         if latches is None or self._free is None:
             return step
-        step = replace(step, prescribed=given)
+        step = revise(step, prescribed=given)
         if not step.converged:
             return step
         r, contacts = step.reaction, self._contacts
@@ -301,12 +301,12 @@ class PathSolver:
             history = self._last
             if history is None:
                 history = np.zeros_like(step.relative_displacement)
-            at = replace(step, relative_displacement=history)
+            at = revise(step, relative_displacement=history)
             self.path = self.path.engine.with_law(bond.weakened).path(at)
             self._engine = self._weaken(self._whole)
             left = _subtract_spent(self._settings, spent)
             step = self.path.step(load, prescribed, gap, left)
-            spent = replace(
+            spent = revise(
                 step,
                 iterations=spent.iterations + step.iterations,
                 work=spent.work + step.work,
@@ -349,7 +349,7 @@ class PathSolver:
             if turned is None or solved_gap is None
             else StepFrames(turned, solved_gap),
         )
-        return replace(
+        return revise(
             step,
             free_motion_text=self._describe_motion(step, moving),
             load=load,

@@ -8,7 +8,7 @@ continues with the same steps.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.path.load_steps import Totals
 from bipot_rs.contact.results.result import Result
-from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.solution import Step, revise
 
 # Lower limit of a step by the rounding of s, over the path.
 _LEAST = 1e-12
@@ -105,7 +105,7 @@ def solve_adaptively(
         ahead = min(max(ahead, plan.smallest), plan.largest)
     while s < plan.stops[-1]:
         s, ahead, step = _solve_next(path, loads, plan, s, ahead)
-        path.accept(replace(step, s=s, ahead=ahead))
+        path.accept(revise(step, s=s, ahead=ahead))
         if on_step is not None:
             on_step(len(path.steps) - 1, path.steps[-1])
     return path.result()

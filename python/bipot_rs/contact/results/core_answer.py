@@ -9,28 +9,26 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.status import Outcome
-from bipot_rs.contact.results.solution import Computed, Solution, Step
+from bipot_rs.contact.results.solution import Computed, Solution, Step, make
 
 S = TypeVar("S", bound=Step)
 
 
 def make_solution(core: _core.ReducedSolution, **about: Any) -> Solution:
     """A `Solution`; ``about`` are its other fields."""
-    # As when unpickled: the checks and calls of a frozen class take as long as a small problem.
-    solution = object.__new__(Solution)
-    solution.__dict__.update(_fields(core), computed=Computed(), **about)
-    return solution
+    return make(Solution, {**_fields(core), "computed": Computed(), **about})
 
 
 def make_step(core: _core.LoadStep) -> Step:
     """A step of a condensed problem, without its loads and its problem."""
-    return Step(
-        **_fields(core.solution),
-        slip=core.slip,
-        opened=core.solution.opened,
-        working_set=core.working_set,
-        working_motion=core.working_motion,
-    )
+    fields = {
+        "computed": Computed(),
+        "slip": core.slip,
+        "opened": core.solution.opened,
+        "working_set": core.working_set,
+        "working_motion": core.working_motion,
+    }
+    return make(Step, _fields(core.solution) | fields)
 
 
 def make_newton_step(core: _core.NewtonStep, displacement: Floats, kind: type[S]) -> S:

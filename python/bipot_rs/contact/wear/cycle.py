@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.path.load_steps import Gap, Totals
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.solution import Step, revise
 from bipot_rs.contact.wear.record import WearArguments
 
 # A cycle, a part of a load step and a jump may have this rate per cycle. With twice as much wear
@@ -236,7 +236,7 @@ class Cycles:
             cycle.slid += slid
             cycle.rubbed += share * rubbed
             cycle.parts = max(cycle.parts, round(1.0 / share))
-            path.accept(replace(step, wear=depth + cycle.worn, cycle=number))
+            path.accept(revise(step, wear=depth + cycle.worn, cycle=number))
             done = ends.pop()
 
     def _find_rate(self, slid: Floats) -> float:

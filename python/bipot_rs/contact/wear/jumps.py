@@ -15,7 +15,7 @@ import numpy as np
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
-from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.solution import Step, revise
 from bipot_rs.contact.wear.cycle import Cycle, Cycles
 from bipot_rs.contact.wear.record import LEAST, CycleEnd, Jump, Wear, WearRows
 
@@ -233,4 +233,4 @@ def _shift_step(step: Step | None, by: Floats) -> Step | None:
         return None
     moved = step.relative_displacement.copy()
     moved[:, 1:] += by
-    return replace(step, relative_displacement=moved)
+    return revise(step, relative_displacement=moved)
