@@ -116,13 +116,17 @@ def write_result(
             mesh.save(file.create_group("mesh"), store, named)
         if fields is not None and first:
             group = file.create_group("fields")
-            for name, value in first.items():
-                array = np.asarray(value)
+            kinds = {name: np.asarray(value) for name, value in first.items()}
+            size = sum(array.nbytes for array in kinds.values())
+            some = _IN_MEMORY // max(size, 1) + 1  # steps that are written at once
+            for name, array in kinds.items():
                 shape = (len(steps), *array.shape)
                 describe(group.create_dataset(name, shape, array.dtype))
-            for k in range(len(steps)):
-                for name, value in (fields(k) if k else first).items():
-                    group[name][k] = value
+            for k in range(0, len(steps), some):
+                ends = range(k, min(k + some, len(steps)))
+                rows = [fields(row) if row else first for row in ends]
+                for name in kinds:
+                    group[name][k : k + some] = np.stack([row[name] for row in rows])
             write_group(h5py, file, mesh, of_cells, describe)
         given = attributes() if callable(attributes) else attributes
         ours = {"format": FORMAT, "version": VERSION, "sealed": True}
