@@ -126,7 +126,9 @@ def write_result(
                 ends = range(k, min(k + some, len(steps)))
                 rows = [fields(row) if row else first for row in ends]
                 for name in kinds:
-                    group[name][k : k + some] = np.stack([row[name] for row in rows])
+                    group[name][k : k + some] = np.stack(
+                        [np.asarray(row[name]) for row in rows]
+                    )
             write_group(h5py, file, mesh, of_cells, describe)
         given = attributes() if callable(attributes) else attributes
         ours = {"format": FORMAT, "version": VERSION, "sealed": True}
