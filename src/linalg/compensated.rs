@@ -19,6 +19,7 @@ impl Sum {
         }
     }
 
+    #[inline]
     pub fn add(&mut self, value: f64) {
         let sum = self.high + value;
         let part = sum - self.high;
@@ -26,11 +27,19 @@ impl Sum {
         self.high = sum;
     }
 
-    /// Adds `a b`.
+    /// Adds `a b`. Without an instruction for it, which the caller may have, the C library
+    /// multiplies and adds, to the same bits.
+    #[inline(always)]
     pub fn add_product(&mut self, a: f64, b: f64) {
         let product = a * b;
         self.low += a.mul_add(b, -product);
         self.add(product);
+    }
+
+    #[inline]
+    pub fn add_sum(&mut self, other: Self) {
+        self.add(other.high);
+        self.low += other.low;
     }
 
     pub fn value(&self) -> f64 {
@@ -60,8 +69,7 @@ pub fn dot(a: &[f64], b: &[f64]) -> Sum {
     }
     let mut total = Sum::default();
     for sum in sums {
-        total.add(sum.high);
-        total.low += sum.low;
+        total.add_sum(sum);
     }
     total
 }

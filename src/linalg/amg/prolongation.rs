@@ -5,11 +5,14 @@
 //! near-null vectors `B = T C` without force as `A` does. `P` then has few blocks along long
 //! cells, where its smoothing would gain nothing.
 
+use std::ops::Range;
+
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
 use crate::linalg::amg::block_matrix::{ABSENT, PADDING, ROWS, cut};
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::amg::slots::Slots;
+use crate::linalg::amg::symmetric_blocks::part_rows;
 use crate::linalg::amg::tentative::{LANES, Tentative};
 use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::pages::zeros;
@@ -30,6 +33,15 @@ pub(super) struct Prolongation {
     /// For each coarse node the fine node and the place of its blocks.
     pub(super) coarse_start: Vec<u32>,
     pub(super) coarse_blocks: Vec<[u32; 2]>,
+    pub(super) parts: Vec<Part>,
+}
+
+/// Rows of a product with `Pᵀ` that one task computes.
+#[derive(Clone, Debug)]
+pub(super) struct Part {
+    pub(super) rows: Range<usize>,
+    /// From the first to the last coarse node of these rows.
+    pub(super) reached: Range<usize>,
 }
 
 impl Prolongation {
@@ -38,7 +50,7 @@ impl Prolongation {
             + 8 * self.coarse_blocks.len()
     }
 
-    pub(super) fn row(&self, node: usize) -> std::ops::Range<usize> {
+    pub(super) fn row(&self, node: usize) -> Range<usize> {
         self.start[node] as usize..self.start[node + 1] as usize
     }
 
@@ -64,6 +76,7 @@ impl Prolongation {
             values: zeros(blocks * b * m + PADDING),
             coarse_start: Vec::new(),
             coarse_blocks: Vec::new(),
+            parts: Vec::new(),
             start,
         };
         made.smooth(of, None);
@@ -73,6 +86,15 @@ impl Prolongation {
         let (coarse_start, places) = by_group(&made.column, aggregates.count());
         made.coarse_start = coarse_start;
         made.coarse_blocks = places.iter().map(|&at| [fine[at as usize], at]).collect();
+        made.parts = part_rows(nodes)
+            .map(|rows| {
+                let own = made.start[rows.start] as usize..made.start[rows.end] as usize;
+                let columns = made.column[own].iter().map(|&g| g as usize);
+                let first = columns.clone().min().unwrap_or(0);
+                let reached = first..columns.max().map_or(first, |last| last + 1);
+                Part { rows, reached }
+            })
+            .collect();
         made
     }
 

@@ -236,10 +236,15 @@ impl SymmetricBlocks {
     /// # Panics
     /// If `x` or `y` has not this length.
     pub fn product(&self, x: &[f64], y: &mut [f64]) {
+        self.sum_terms::<Double<false>>(x, y);
+    }
+
+    /// Sums the terms of `A x`.
+    fn sum_terms<T: Terms>(&self, x: &[f64], y: &mut [T::Sum]) {
         let b = self.b;
         assert_eq!(x.len(), b * self.nodes());
         assert_eq!(y.len(), x.len());
-        let mut outside: Vec<Vec<f64>> = Vec::new();
+        let mut outside: Vec<Vec<T::Sum>> = Vec::new();
         outside.extend(self.parts.iter().map(|part| zeros(b * part.outside.len())));
         tasks::for_each(self.cut(y).zip(&mut outside), |k, (y, outside)| {
             let part = ProductPart {
@@ -250,8 +255,8 @@ impl SymmetricBlocks {
                 outside,
             };
             match b {
-                2 => widest(PartOfBlocks::<2>(part)),
-                _ => widest(PartOfBlocks::<3>(part)),
+                2 => widest(PartOfBlocks::<T, 2>(part)),
+                _ => widest(PartOfBlocks::<T, 3>(part)),
             }
         });
         tasks::for_each(self.cut(y), |k, y| {
@@ -263,14 +268,16 @@ impl SymmetricBlocks {
                     .zip(values[b * first..].chunks_exact(b));
                 for (&i, add) in own.take_while(|(i, _)| (**i as usize) < rows.end) {
                     let to = &mut y[b * (i as usize - rows.start)..][..b];
-                    to.iter_mut().zip(add).for_each(|(to, add)| *to += add);
+                    to.iter_mut()
+                        .zip(add)
+                        .for_each(|(to, add)| T::join(to, *add));
                 }
             }
         });
     }
 
     /// The rows of the parts of a product.
-    fn cut<'y>(&self, mut y: &'y mut [f64]) -> impl Iterator<Item = &'y mut [f64]> {
+    fn cut<'y, S>(&self, mut y: &'y mut [S]) -> impl Iterator<Item = &'y mut [S]> {
         self.parts.iter().map(move |part| {
             let (own, rest) = std::mem::take(&mut y).split_at_mut(self.b * part.rows.len());
             y = rest;
@@ -283,26 +290,9 @@ impl SymmetricBlocks {
     /// # Panics
     /// If `x` has not an entry for each unknown.
     pub fn product_in_two(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let (b, n) = (self.b, self.b * self.nodes());
-        assert_eq!(x.len(), n);
-        let (mut high, mut low) = (zeros(n), zeros(n));
-        let parts = high.chunks_mut(ROWS * b).zip(low.chunks_mut(ROWS * b));
-        tasks::for_each(parts, |task, (high, low)| {
-            let rows = high.chunks_exact_mut(b).zip(low.chunks_exact_mut(b));
-            for (k, (high, low)) in rows.enumerate() {
-                let mut sums = [Sum::default(); 3];
-                for (j, block) in self.row(task * ROWS + k) {
-                    let x = &x[b * j as usize..][..b];
-                    block.for_each(b, |row, column, value| {
-                        sums[row].add_product(value, x[column]);
-                    });
-                }
-                for (sum, (high, low)) in sums.iter().zip(high.iter_mut().zip(low)) {
-                    (*high, *low) = sum.parts();
-                }
-            }
-        });
-        (high, low)
+        let mut sums: Vec<Sum> = zeros(x.len());
+        self.sum_terms::<InTwo>(x, &mut sums);
+        sums.iter().map(Sum::parts).unzip()
     }
 
     /// `y = |A| |x|`.
@@ -310,37 +300,69 @@ impl SymmetricBlocks {
     /// # Panics
     /// If `x` or `y` has not `b` entries for each node.
     pub fn absolute_product(&self, x: &[f64], y: &mut [f64]) {
-        let b = self.b;
-        assert_eq!(x.len(), b * self.nodes());
-        assert_eq!(y.len(), x.len());
-        tasks::for_each(y.chunks_mut(b * ROWS), |task, y| {
-            for (k, y) in y.chunks_exact_mut(b).enumerate() {
-                y.fill(0.0);
-                for (j, block) in self.row(task * ROWS + k) {
-                    let x = &x[b * j as usize..][..b];
-                    block.for_each(b, |row, column, value| {
-                        y[row] += (value * x[column]).abs();
-                    });
-                }
-            }
-        });
+        self.sum_terms::<Double<true>>(x, y);
+    }
+}
+
+/// The terms of a product and their sum.
+trait Terms {
+    type Sum: Copy + Default + Send + Sync;
+
+    /// Adds `value x`.
+    fn add<const FMA: bool>(sum: &mut Self::Sum, value: f64, x: f64);
+
+    fn join(sum: &mut Self::Sum, other: Self::Sum);
+}
+
+/// In double precision, the terms or their magnitudes.
+struct Double<const MAGNITUDES: bool>;
+
+impl<const MAGNITUDES: bool> Terms for Double<MAGNITUDES> {
+    type Sum = f64;
+
+    #[inline(always)]
+    fn add<const FMA: bool>(sum: &mut f64, value: f64, x: f64) {
+        let of = |y: f64| if MAGNITUDES { y.abs() } else { y };
+        *sum = of(value).times_plus::<FMA>(of(x), *sum);
+    }
+
+    #[inline(always)]
+    fn join(sum: &mut f64, other: f64) {
+        *sum += other;
+    }
+}
+
+/// In twice the precision.
+struct InTwo;
+
+impl Terms for InTwo {
+    type Sum = Sum;
+
+    #[inline(always)]
+    fn add<const FMA: bool>(sum: &mut Sum, value: f64, x: f64) {
+        sum.add_product(value, x);
+    }
+
+    #[inline(always)]
+    fn join(sum: &mut Sum, other: Sum) {
+        sum.add_sum(other);
     }
 }
 
 /// What one task of a product computes.
-struct ProductPart<'a> {
+struct ProductPart<'a, S> {
     matrix: &'a SymmetricBlocks,
     rows: Range<usize>,
     x: &'a [f64],
     /// The rows of the part, and those outside.
-    y: &'a mut [f64],
-    outside: &'a mut [f64],
+    y: &'a mut [S],
+    outside: &'a mut [S],
 }
 
 /// A part of a matrix of `B × B` blocks.
-struct PartOfBlocks<'a, const B: usize>(ProductPart<'a>);
+struct PartOfBlocks<'a, T: Terms, const B: usize>(ProductPart<'a, T::Sum>);
 
-impl<const B: usize> WideWork for PartOfBlocks<'_, B> {
+impl<T: Terms, const B: usize> WideWork for PartOfBlocks<'_, T, B> {
     #[inline(always)]
     fn run<const FMA: bool>(self) {
         let ProductPart {
@@ -353,7 +375,7 @@ impl<const B: usize> WideWork for PartOfBlocks<'_, B> {
         let (y, _) = y.as_chunks_mut::<B>();
         let (outside, _) = outside.as_chunks_mut::<B>();
         let (x, _) = x.as_chunks::<B>();
-        y.fill([0.0; B]);
+        y.fill([T::Sum::default(); B]);
         for (k, i) in rows.enumerate() {
             let stored = matrix.upper[i] as usize..matrix.upper[i + 1] as usize;
             let columns = matrix.sides(i).1;
@@ -361,13 +383,13 @@ impl<const B: usize> WideWork for PartOfBlocks<'_, B> {
                 matrix.values[stored.start * B * B..stored.end * B * B].chunks_exact(B * B);
             let of_column = columns.iter().zip(&matrix.target[stored]);
             // One sum for each column of a block, in registers.
-            let mut sums = [[0.0_f64; B]; B];
+            let mut sums = [[T::Sum::default(); B]; B];
             let own = x[i];
             for (n, ((&j, &target), block)) in of_column.zip(blocks).enumerate() {
                 let x = x[j as usize];
                 for c in 0..B {
                     for l in 0..B {
-                        sums[c][l] = block[c * B + l].times_plus::<FMA>(x[c], sums[c][l]);
+                        T::add::<FMA>(&mut sums[c][l], block[c * B + l], x[c]);
                     }
                 }
                 if n == 0 {
@@ -381,13 +403,13 @@ impl<const B: usize> WideWork for PartOfBlocks<'_, B> {
                 };
                 for c in 0..B {
                     for l in 0..B {
-                        to[c] = block[c * B + l].times_plus::<FMA>(own[l], to[c]);
+                        T::add::<FMA>(&mut to[c], block[c * B + l], own[l]);
                     }
                 }
             }
             for sum in &sums {
                 for l in 0..B {
-                    y[k][l] += sum[l];
+                    T::join(&mut y[k][l], sum[l]);
                 }
             }
         }
@@ -552,6 +574,12 @@ fn both_halves(upper: &[u32], of_upper: &[u32]) -> (Vec<u32>, Vec<u32>) {
         }
     }
     (start, column)
+}
+
+/// Rows of each part of a product, in at most [`PARTS`] parts.
+pub(super) fn part_rows(nodes: usize) -> impl Iterator<Item = Range<usize>> {
+    let count = PARTS.min(nodes / LEAST_ROWS).max(1);
+    (0..count).map(move |k| nodes * k / count..nodes * (k + 1) / count)
 }
 
 /// Cuts the rows into at most [`PARTS`] parts, fewer if they would add to many rows outside.

@@ -2,26 +2,43 @@
 
 use crate::linalg::amg::block_matrix::ROWS;
 use crate::linalg::amg::galerkin::with_sizes;
-use crate::linalg::amg::prolongation::Prolongation;
+use crate::linalg::amg::prolongation::{Part, Prolongation};
+use crate::linalg::amg::tentative::LANES;
 use crate::linalg::amg::wide::{WideWork, widest};
+use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::tasks;
 
 /// Coarse nodes in one task.
-const COARSE_ROWS: usize = 64;
+const COARSE_ROWS: usize = 512;
 
 impl Prolongation {
-    /// `coarse = Pᵀ r`, by rows of `Pᵀ`, so that each sum has one order.
+    /// `coarse = Pᵀ r`. Fine rows are read in their order, because those of a coarse node stand
+    /// far from each other; what a part adds to the coarse nodes stands apart and is added in the
+    /// order of the parts.
     pub(super) fn restrict(&self, r: &[f32], coarse: &mut [f32]) {
-        let parts = coarse.chunks_mut(COARSE_ROWS * self.m);
-        tasks::for_each(parts, |task, to| {
-            let rows = Transfer {
+        let memory = |part: &Part| zeros::<f32>(LANES * part.reached.len());
+        let mut sums: Vec<_> = self.parts.iter().map(memory).collect();
+        tasks::for_each(self.parts.iter().zip(&mut sums), |_, (part, to)| {
+            let rows = Restrict {
                 p: self,
-                first: task * COARSE_ROWS,
+                part,
                 from: r,
                 to,
             };
-            with_sizes!(self, Restrict, rows);
+            with_sizes!(self, SizedRestrict, rows);
+        });
+        tasks::for_each(coarse.chunks_mut(COARSE_ROWS * self.m), |task, to| {
+            let first = task * COARSE_ROWS;
+            let own = first..first + to.len() / self.m;
+            to.fill(0.0);
+            for (part, sums) in self.parts.iter().zip(&sums) {
+                for g in own.start.max(part.reached.start)..own.end.min(part.reached.end) {
+                    let to = &mut to[(g - first) * self.m..][..self.m];
+                    let from = &sums[(g - part.reached.start) * LANES..];
+                    to.iter_mut().zip(from).for_each(|(to, add)| *to += add);
+                }
+            }
         });
     }
 
@@ -47,25 +64,35 @@ struct Transfer<'a> {
     to: &'a mut [f32],
 }
 
-struct Restrict<'a, const B: usize, const M: usize, const L: usize>(Transfer<'a>);
+/// What one part adds to coarse nodes.
+struct Restrict<'a> {
+    p: &'a Prolongation,
+    part: &'a Part,
+    from: &'a [f32],
+    to: &'a mut [f32],
+}
 
-impl<const B: usize, const M: usize, const L: usize> WideWork for Restrict<'_, B, M, L> {
+struct SizedRestrict<'a, const B: usize, const M: usize, const L: usize>(Restrict<'a>);
+
+impl<const B: usize, const M: usize, const L: usize> WideWork for SizedRestrict<'_, B, M, L> {
     #[inline(always)]
     fn run<const FMA: bool>(self) {
-        let Transfer { p, first, from, to } = self.0;
-        for (k, to) in to.chunks_exact_mut(M).enumerate() {
-            let mut sums = [[0.0_f32; L]; B];
-            for &[i, q] in p.coarse_row(first + k) {
-                let block = &p.values[q as usize * B * M..][..B * M + L - M];
-                let x = &from[i as usize * B..][..B];
+        let Restrict { p, part, from, to } = self.0;
+        let (to, _) = to.as_chunks_mut::<LANES>();
+        for i in part.rows.clone() {
+            let x = &from[i * B..][..B];
+            for q in p.row(i) {
+                let block = &p.values[q * B * M..][..B * M + LANES - M];
+                let mut sum = [0.0_f32; LANES];
                 for r in 0..B {
-                    for e in 0..L {
-                        sums[r][e] = block[r * M + e].times_plus::<FMA>(x[r], sums[r][e]);
+                    for e in 0..LANES {
+                        sum[e] = block[r * M + e].times_plus::<FMA>(x[r], sum[e]);
                     }
                 }
-            }
-            for (e, to) in to.iter_mut().enumerate() {
-                *to = sums.iter().map(|sum| sum[e]).sum();
+                let to = &mut to[p.column[q] as usize - part.reached.start];
+                for e in 0..LANES {
+                    to[e] += sum[e];
+                }
             }
         }
     }
