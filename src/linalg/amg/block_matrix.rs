@@ -14,7 +14,7 @@ pub const ABSENT: u32 = u32::MAX;
 pub(super) const ROWS: usize = 512;
 
 /// Numbers after the last block, so that a loop may read whole registers.
-pub(super) const PADDING: usize = 8;
+pub(super) const PADDING: usize = 12;
 
 /// Square sparse matrix in `b × b` blocks, `b` = 2, 3 or 6. Columns ascend in each row, and each
 /// row has its diagonal block.

@@ -3,7 +3,9 @@
 
 use std::ops::Range;
 
+use crate::linalg::amg::avx512::rows;
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
+use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::real::Real as _;
 use crate::tasks;
@@ -22,6 +24,11 @@ pub(super) trait Blocks: Sync {
     fn values(&self) -> &[Self::Value];
     /// The factor of a block.
     fn scale(&self, at: usize) -> f32;
+
+    /// Itself, if its numbers have sixteen bits.
+    fn scaled(&self) -> Option<&ScaledBlocks> {
+        None
+    }
 
     /// The blocks of a row.
     #[inline(always)]
@@ -74,26 +81,24 @@ impl<A: Blocks, F: Finish, const B: usize, const L: usize> WideWork for KernelRo
         let matrix = self.matrix;
         for (k, i) in self.nodes.enumerate() {
             let row = matrix.row(i);
-            // One sum for each column of a block, in registers; lanes after B are not used.
-            let mut sums = [[0.0_f32; L]; B];
-            let mut values = &matrix.values()[row.start * B * B..];
-            for (&j, at) in matrix.column()[row.clone()].iter().zip(row) {
-                let block = &values[..B * B + L - B];
+            // Two sums for each column, of every other block, in registers: one would wait for each
+            // addition. Lanes after B are not used.
+            let mut sums = [[[0.0_f32; L]; B]; 2];
+            let values = &matrix.values()[row.start * B * B..];
+            let columns = &matrix.column()[row.clone()];
+            for (n, (&j, at)) in columns.iter().zip(row).enumerate() {
+                let block = &values[n * B * B..][..B * B + L - B];
                 let x = &self.x[j as usize * B..][..B];
-                let scale = matrix.scale(at);
-                for c in 0..B {
-                    let x = x[c] * scale;
-                    for l in 0..L {
-                        let value: f32 = block[c * B + l].into();
-                        sums[c][l] = value.times_plus::<FMA>(x, sums[c][l]);
-                    }
+                if n % 2 == 0 {
+                    add::<A, FMA, B, L>(block, x, matrix.scale(at), &mut sums[0]);
+                } else {
+                    add::<A, FMA, B, L>(block, x, matrix.scale(at), &mut sums[1]);
                 }
-                values = &values[B * B..];
             }
-            let mut sum = sums[0];
-            for other in &sums[1..] {
+            let mut sum = [0.0; L];
+            for (even, odd) in sums[0].iter().zip(&sums[1]) {
                 for l in 0..L {
-                    sum[l] += other[l];
+                    sum[l] += even[l] + odd[l];
                 }
             }
             self.then.finish::<FMA>(i, k, &sum[..B]);
@@ -101,28 +106,50 @@ impl<A: Blocks, F: Finish, const B: usize, const L: usize> WideWork for KernelRo
     }
 }
 
+/// Adds the products of the columns of a block.
+#[inline(always)]
+fn add<A: Blocks, const FMA: bool, const B: usize, const L: usize>(
+    block: &[A::Value],
+    x: &[f32],
+    scale: f32,
+    sums: &mut [[f32; L]; B],
+) {
+    for c in 0..B {
+        let x = x[c] * scale;
+        for l in 0..L {
+            let value: f32 = block[c * B + l].into();
+            sums[c][l] = value.times_plus::<FMA>(x, sums[c][l]);
+        }
+    }
+}
+
 /// Calls the kernel of the size of the blocks.
 fn run<A: Blocks>(matrix: &A, x: &[f32], nodes: Range<usize>, then: impl Finish) {
     match matrix.size() {
-        2 => widest(KernelRows::<_, _, 2, 4> {
-            matrix,
-            nodes,
-            x,
-            then,
-        }),
-        3 => widest(KernelRows::<_, _, 3, 4> {
-            matrix,
-            nodes,
-            x,
-            then,
-        }),
-        6 => widest(KernelRows::<_, _, 6, 8> {
-            matrix,
-            nodes,
-            x,
-            then,
-        }),
+        2 => run_of::<A, 2, 4, 1>(matrix, x, nodes, then),
+        3 => run_of::<A, 3, 4, 1>(matrix, x, nodes, then),
+        6 => run_of::<A, 6, 8, 3>(matrix, x, nodes, then),
         _ => unreachable!("blocks of 2, 3 or 6"),
+    }
+}
+
+/// A column of a block fills `L` lanes, a block `R` registers of AVX-512.
+fn run_of<A: Blocks, const B: usize, const L: usize, const R: usize>(
+    matrix: &A,
+    x: &[f32],
+    nodes: Range<usize>,
+    mut then: impl Finish,
+) {
+    let first = nodes.start;
+    let finish = |i, product: &[f32; B]| then.finish::<true>(i, i - first, product);
+    let wide = |scaled| rows::<B, R>(scaled, x, nodes.clone(), finish);
+    if !matrix.scaled().is_some_and(wide) {
+        widest(KernelRows::<_, _, B, L> {
+            matrix,
+            nodes,
+            x,
+            then,
+        });
     }
 }
 
@@ -306,4 +333,61 @@ pub(super) fn first_step(
             with,
         }),
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{KernelRows, ScaledBlocks, Store, run, widest};
+    use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING};
+    use crate::linalg::random_signs::random_signs;
+    use crate::linalg::real::Real as _;
+    use crate::linalg::sparse::csc::narrow;
+
+    /// Numbers of many sizes.
+    fn numbers(count: usize, seed: u64) -> Vec<f32> {
+        let signs = random_signs(12 * count, seed);
+        let of = signs.chunks_exact(12);
+        of.map(|signs| f32::rounded(signs.iter().fold(1.0, |x, sign| x * (sign + 0.6))))
+            .collect()
+    }
+
+    /// Rows of none to eight blocks, an even and an odd number, with the last column.
+    fn compare<const B: usize, const L: usize>() {
+        let nodes = 40;
+        let (mut start, mut column) = (vec![0], Vec::new());
+        for i in 0..nodes {
+            column.extend((0..nodes).filter(|j| (i * i + 7 * j) % 11 < i % 9));
+            start.push(narrow(column.len()));
+        }
+        let mut values = numbers(column.len() * B * B, 1);
+        values.resize(values.len() + PADDING, 0.0);
+        let matrix = ScaledBlocks::replace(BlockMatrix {
+            b: B,
+            start: start.into(),
+            column: column.into(),
+            values,
+            missing: Vec::new(),
+            held: Vec::new(),
+            exponent: 0,
+        });
+        let (x, rows) = (&numbers(nodes as usize * B, 2)[..], 0..nodes as usize);
+        let (mut chosen, mut portable) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+        run(&matrix, x, rows.clone(), Store { y: &mut chosen });
+        widest(KernelRows::<_, _, B, L> {
+            matrix: &matrix,
+            nodes: rows,
+            x,
+            then: Store { y: &mut portable },
+        });
+        assert!(portable.iter().filter(|&&y| y != 0.0).count() > x.len() / 2);
+        let bits = |y: Vec<f32>| y.into_iter().map(f32::to_bits).collect::<Vec<_>>();
+        assert_eq!(bits(chosen), bits(portable));
+    }
+
+    #[test]
+    fn registers_do_not_change_bits() {
+        compare::<2, 4>();
+        compare::<3, 4>();
+        compare::<6, 8>();
+    }
 }

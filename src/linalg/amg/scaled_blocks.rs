@@ -32,7 +32,7 @@ pub(super) struct ScaledBlocks {
     /// Each block by columns, then [`PADDING`].
     values: Vec<i16>,
     /// A block is `2^exponent` times its values.
-    exponent: Vec<i8>,
+    pub(super) exponent: Vec<i8>,
 }
 
 impl ScaledBlocks {
@@ -133,6 +133,10 @@ impl Blocks for ScaledBlocks {
     #[inline(always)]
     fn scale(&self, at: usize) -> f32 {
         two_to(i32::from(self.exponent[at]))
+    }
+
+    fn scaled(&self) -> Option<&ScaledBlocks> {
+        Some(self)
     }
 }
 

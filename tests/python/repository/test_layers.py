@@ -45,6 +45,7 @@ RUST_NAMES = {
     "pyo3": ("python/",),
     "numpy": ("python/",),
     "unsafe": (
+        "linalg/amg/avx512.rs",
         "linalg/amg/wide.rs",
         "linalg/dense/kernels.rs",
         "linalg/pages.rs",
