@@ -14,13 +14,18 @@ use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::symmetric_blocks::SymmetricBlocks;
 use crate::linalg::amg::tuning;
 use crate::linalg::conjugate_gradients;
-use crate::linalg::parallel::{axpy, largest, map, zero_where};
+use crate::linalg::parallel::{axpy, largest, map, norm, zero_where};
 use crate::linalg::random_signs::random_signs;
 
 /// The residual that the check must reach: a free motion has a part of about one in an irregular
 /// vector of `n` plus and minus ones, whose norm is `√n`, and that part of the residual stays. It
 /// is far below `1/√n` and far above rounding.
 const SMALL: f64 = 1e-9;
+
+/// Rounding of `K x` in units of that part, from which on the motion is free: K then resists it by
+/// its own rounding alone, about `ε |K|`, and the solution is as large as one over this. A support
+/// may be 1e11 times softer than its body.
+const ROUNDING: f64 = 1e-2;
 
 /// Replaces the rotations among the motions of `about`, which are zero, by motions that the
 /// translations do not represent. `single` is `matrix` in single precision.
@@ -81,7 +86,8 @@ pub fn complete(
         tuning::check_products(),
         stop,
     )?;
-    if found.reached {
+    matrix.absolute_product(&found.x, &mut product);
+    if found.reached && f64::EPSILON * norm(&product) < ROUNDING {
         Ok(())
     } else {
         Err(Error::Multigrid {
