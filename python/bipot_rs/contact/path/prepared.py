@@ -451,7 +451,8 @@ class PreparedStiffness:
         self._condensed, self._iterative = condensed, iterative
         self._parts, self._assemble = parts, None if mesh is None else mesh.assemble
         # The core drops what is between prescribed degrees of freedom.
-        self._kept = parts if options.latched else None
+        latched = options.latched and not isinstance(given, MeshStiffness)
+        self._kept = given if latched else None
         self._with_free: dict[tuple[int, ...], PreparedStiffness] = {}
         self._on_forecast = None if iterative is None else on_forecast
         if iterative is None:
