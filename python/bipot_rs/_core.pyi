@@ -37,6 +37,7 @@ __all__ = [
     "ReducedSolution",
     "SequenceFields",
     "Statics",
+    "StiffnessRows",
     "TangentSystem",
     "TangentView",
     "bodies",
