@@ -66,7 +66,9 @@ pub(super) fn solve<const D: usize>(
     }
     set.unknowns = free.len();
     set.right = scaling.load.iter().map(|e| -e / force).collect();
-    works.into_iter().for_each(|row| set.equations.push(row));
+    for row in works {
+        set.equations.push(row);
+    }
     let found = set.minimise(&free, Limits::new(monitor.stop(), monitor.seconds_left()))?;
     let reaction = |i: usize| {
         let of = |k: usize| {

@@ -78,7 +78,7 @@ impl<'a> SingleRows<'a> {
             for (j, block) in self.matrix.row(i) {
                 let (at, j) = (values.len(), j as usize);
                 block.for_each(b, |_, _, value| {
-                    values.push(f32::rounded(value * self.factor))
+                    values.push(f32::rounded(value * self.factor));
                 });
                 let block = &mut values[at..];
                 if self.which[i] == ABSENT && self.which[j] == ABSENT {

@@ -451,8 +451,9 @@ class PreparedStiffness:
         self._condensed, self._iterative = condensed, iterative
         self._parts, self._assemble = parts, None if mesh is None else mesh.assemble
         # The core drops what is between prescribed degrees of freedom.
-        latched = options.latched and not isinstance(given, MeshStiffness)
-        self._kept = given if latched else None
+        self._kept = None
+        if options.latched and not isinstance(given, MeshStiffness):
+            self._kept = given
         self._with_free: dict[tuple[int, ...], PreparedStiffness] = {}
         self._on_forecast = None if iterative is None else on_forecast
         if iterative is None:
