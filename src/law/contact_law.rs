@@ -30,7 +30,13 @@ impl ContactLaw {
 
     /// Whether it is Coulomb's.
     pub fn is_coulomb(&self) -> bool {
-        self.cohesion == 0.0 && self.dilatancy == 0.0
+        // Without `..`, here and below: another number must say whether it is Coulomb's.
+        let Self {
+            mu: _,
+            cohesion,
+            dilatancy,
+        } = *self;
+        cohesion == 0.0 && dilatancy == 0.0
     }
 
     /// Whether a tangential reaction is possible.
@@ -113,10 +119,15 @@ pub fn check(laws: &[ContactLaw], contacts: usize) -> Result<(), Error> {
 /// Refuses laws other than Coulomb's, for what solves no others.
 pub fn require_coulomb(laws: &[ContactLaw], what: &'static str) -> Result<(), Error> {
     laws.iter().enumerate().try_for_each(|(node, law)| {
-        let (argument, value) = if law.cohesion != 0.0 {
-            ("cohesion", law.cohesion)
-        } else if law.dilatancy != 0.0 {
-            ("dilatancy", law.dilatancy)
+        let ContactLaw {
+            mu: _,
+            cohesion,
+            dilatancy,
+        } = *law;
+        let (argument, value) = if cohesion != 0.0 {
+            ("cohesion", cohesion)
+        } else if dilatancy != 0.0 {
+            ("dilatancy", dilatancy)
         } else {
             return Ok(());
         };

@@ -220,9 +220,8 @@ class _Symmetric:
         made, law = self._problem.reduced(self._f), self._law
         if law.is_coulomb:
             return made
-        c, beta = law.cohesion, law.dilatancy
         return ReducedProblem(
-            made.W, made.q, law.mu, rigid=made.rigid, cohesion=c, dilatancy=beta
+            made.W, made.q, law.mu, rigid=made.rigid, **law.without_mu()
         )
 
     def velocity(self, r: Floats, amounts: Floats) -> Floats:
@@ -272,9 +271,7 @@ class _Lu:
         W = whole if 4 * whole.nnz <= size**2 else whole.toarray()
         free = rows @ self._factor.solve(self._f)
         q, law = free.reshape(self._w.shape) + self._w, self._law
-        return ReducedProblem(
-            W, q, law.mu, cohesion=law.cohesion, dilatancy=law.dilatancy
-        )
+        return ReducedProblem(W, q, law.mu, rigid=None, **law.without_mu())
 
     def velocity(self, r: Floats, _: Floats) -> Floats:
         right = self._contact @ r.ravel() + self._f

@@ -22,7 +22,6 @@ from bipot_rs._lib.validation import (
 )
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NoEquilibriumError
-from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine
@@ -398,8 +397,7 @@ class ContactProblem:
             reduced.q,
             law.mu,
             rigid=reduced.rigid,
-            cohesion=law.cohesion,
-            dilatancy=law.dilatancy,
+            **law.without_mu(),
         )
 
     def existence(
@@ -907,10 +905,7 @@ class ContactProblem:
             self.stiffness.options,
         )
         if mu is not None:
-            law = contacts.law
-            law = ContactLaw.check(
-                *contacts.shape, mu=mu, cohesion=law.cohesion, dilatancy=law.dilatancy
-            )
+            law = contacts.law.with_mu(mu, contacts.d)
             contacts = replace(contacts, law=law)
             engine = engine.with_law(contacts.law)
         latches = loading.latches

@@ -141,13 +141,8 @@ class ReducedProblem:
         _ = self._problem  # the checks that only the core makes
 
     def __reduce__(self) -> tuple[object, ...]:
-        again = partial(
-            ReducedProblem,
-            rigid=self.rigid,
-            cohesion=self.law.cohesion,
-            dilatancy=self.law.dilatancy,
-        )
-        return again, (self.W, self.q, self.mu)
+        keywords: dict[str, Any] = {"rigid": self.rigid, **self.law.without_mu()}
+        return partial(ReducedProblem, **keywords), (self.W, self.q, self.mu)
 
     def __repr__(self) -> str:
         return f"ReducedProblem({summary.describe_places(*self.q.shape)})"
@@ -505,8 +500,7 @@ class ReducedProblem:
                 self.q,
                 self.mu,
                 rigid=(self._R, dead + multiplier * live),
-                cohesion=self.law.cohesion,
-                dilatancy=self.law.dilatancy,
+                **self.law.without_mu(),
             )
             solution = loaded.solve(max_iterations=_CLIMB, start=start)
             return solution if solution.converged else None

@@ -6,7 +6,7 @@ a sliding contact has ``r_t = -r_n D² v_t / ‖D v_t‖``. Coulomb's law (8) ha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,8 +55,7 @@ class ContactLaw:
             _check_number("cohesion", cohesion, contacts),
             _check_number("dilatancy", dilatancy, contacts),
         )
-        for what in ("cohesion", "dilatancy"):
-            values = getattr(law, what)
+        for what, values in law.without_mu().items():
             if law.mu.ndim == 2 and values is not None:
                 at = int(np.flatnonzero(values)[0])
                 raise ValueError(
@@ -65,18 +64,31 @@ class ContactLaw:
                 )
         return law
 
+    def without_mu(self) -> dict[str, Floats | None]:
+        """The numbers beside friction by their names: arguments of a problem of this law.
+
+        What makes another problem of a law takes them from here, so that none is lost.
+        """
+        names = [field.name for field in fields(self) if field.name != "mu"]
+        return {name: getattr(self, name) for name in names}
+
+    def with_mu(self, mu: ArrayLike, d: int) -> ContactLaw:
+        """The law with other friction coefficients, checked as in `check`."""
+        return ContactLaw.check(
+            len(self.mu), d, mu=mu, ratio=RATIO, **self.without_mu()
+        )
+
     @property
     def is_coulomb(self) -> bool:
-        """Whether there is neither cohesion nor dilatancy."""
-        return self.cohesion is None and self.dilatancy is None
+        """Whether there is nothing but friction: neither cohesion nor dilatancy."""
+        return all(values is None for values in self.without_mu().values())
 
     def require_coulomb(self, what: str) -> None:
         """Refuse cohesion and dilatancy, for ``what`` does not take them.
 
         Raises `ValueError`: a contact has one of them; the message names it.
         """
-        for argument in ("cohesion", "dilatancy"):
-            values = getattr(self, argument)
+        for argument, values in self.without_mu().items():
             if values is not None:
                 at = int(np.flatnonzero(values)[0])
                 raise ValueError(
@@ -85,12 +97,10 @@ class ContactLaw:
 
     def arrays(self) -> dict[str, Floats]:
         """Arrays by the names of `Result.contacts`, for files and for comparison."""
-        numbers = {
-            "mu": self.mu,
-            "cohesion": self.cohesion,
-            "dilatancy": self.dilatancy,
+        rest = self.without_mu().items()
+        return {"mu": self.mu} | {
+            name: value for name, value in rest if value is not None
         }
-        return {name: value for name, value in numbers.items() if value is not None}
 
 
 def _check_number(what: str, value: ArrayLike | None, contacts: int) -> Floats | None:

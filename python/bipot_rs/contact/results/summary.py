@@ -115,7 +115,7 @@ def describe_law(law: ContactLaw) -> list[tuple[str, str]]:
     [('cohesion', 'from 0 to 2')]
     """
     rows = []
-    for name, values in (("cohesion", law.cohesion), ("dilatancy", law.dilatancy)):
+    for name, values in law.without_mu().items():
         if values is not None:
             low, high = f"{values.min():g}", f"{values.max():g}"
             rows.append((name, low if low == high else f"from {low} to {high}"))

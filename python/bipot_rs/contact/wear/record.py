@@ -326,8 +326,8 @@ def check_wear(
         raise ValueError(
             "area is missing: wear needs pressures, so pass area= to ContactProblem"
         )
-    for what in ("cohesion", "dilatancy"):
-        if getattr(contacts.law, what) is not None:
+    for what, values in contacts.law.without_mu().items():
+        if values is not None:
             raise ValueError(
                 f"{what} is not zero, expected none: wear is not derived for contacts with "
                 f"{what}"
