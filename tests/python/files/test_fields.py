@@ -1,5 +1,7 @@
 """The table of names in files: units, dimensions and times."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,15 @@ def test_the_page_of_names_lists_the_table(table: dict[str, Quantity]) -> None:
     ]
     # As one block: the page has no rows besides these.
     assert "|---|---|---|---|\n" + "\n".join(rows) + "\n\n" in page
+
+
+@pytest.mark.parametrize("table", ["contacts", "steps", "mesh"])
+def test_the_page_of_files_has_each_dataset(table: str) -> None:
+    """In the first cell of a row of docs/files.md: `steps/0000/gap`, or a name after it."""
+    page = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    named = re.findall(rf"^\| (`{table}/.*?) \|", page, re.MULTILINE)
+    listed = set(re.findall(r"(\w+)`", " ".join(named)))
+    assert set(getattr(fields, table.upper())) - listed == set()
 
 
 @pytest.mark.parametrize(

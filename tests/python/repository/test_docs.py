@@ -19,6 +19,7 @@ from skfem.models.elasticity import linear_elasticity
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.cli.entry import call
+from bipot_rs.scene.schema.root import Scene
 from support.places import ROOT
 
 PAGES = sorted(
@@ -300,6 +301,23 @@ def test_every_page_is_in_one_toctree() -> None:
         for p in (ROOT / "docs").rglob("*.md")
     ]
     assert sorted([*in_toctrees(ROOT / "docs"), "index"]) == sorted(pages)
+
+
+def test_every_key_of_a_scene_is_on_its_page() -> None:
+    page = (ROOT / "docs" / "scenes.md").read_text("utf-8")
+    scene = Scene.model_json_schema(by_alias=True)
+    keys = {
+        key
+        for table in (scene, *scene["$defs"].values())
+        for key in table.get("properties", {})
+    }
+    # A list is written in their place: grid points of an axis, factors of an amplitude.
+    keys -= {"points", "table"}
+    # In fenced and indented blocks, and between backticks.
+    blocks = re.compile(r"^```.*?^```|^ {4}[^\n]*", re.MULTILINE | re.DOTALL)
+    code = [*blocks.findall(page), *re.findall("`[^`]+`", blocks.sub("", page))]
+    absent = keys - set(re.findall(r"\w+", " ".join(code)))
+    assert not absent, f"docs/scenes.md does not say what they do: {sorted(absent)}"
 
 
 def test_every_public_name_is_in_the_reference() -> None:
