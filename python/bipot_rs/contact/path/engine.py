@@ -69,7 +69,8 @@ class EnginePath(Protocol):
     ) -> Step:
         """Make a step to the total loads; the path moves on only if it converges.
 
-        The step has neither its loads nor its problem.
+        The step has neither its loads nor its problem. Its ``stats`` say which engine made it:
+        a path that continues from one with ``krylov`` stays with the iterative engine.
         """
 
 
@@ -78,7 +79,7 @@ class Engine(Protocol):
 
     @property
     def name(self) -> str:
-        """``"direct"`` or ``"iterative"``."""
+        """One of `choice.ENGINES`, or ``"petsc"``."""
 
     @property
     def stats(self) -> Record:
