@@ -33,7 +33,7 @@ from bipot_rs.contact.errors import (
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
-from bipot_rs.contact.proof.equilibrium import name_friction
+from bipot_rs.contact.proof.equilibrium import describe_friction, name_friction
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.core_answer import find_opening, make_solution
 from bipot_rs.contact.results.error_bound import ErrorBound, read_error_bound
@@ -470,7 +470,11 @@ class ReducedProblem:
                 reaction=np.zeros(self.q.shape),
             )
         decision = self._statics.decide(self.rigid[1], max_seconds)
-        return read_decision(decision, self.q.shape, self._describe_amounts)
+        return read_decision(
+            decision,
+            self.q.shape,
+            lambda motion: f"{self._describe_amounts(motion)}, {self._name_friction()}",
+        )
 
     def limit_multiplier(self, e0: ArrayLike, e1: ArrayLike) -> LimitMultiplier:
         """The largest ``λ`` for which contact carries the loads ``e0 + λ e1``.
@@ -524,6 +528,12 @@ class ReducedProblem:
     def _describe_amounts(self, amounts: Floats) -> str:
         """Amounts of the rigid motions in words."""
         return self._describe_motion(amounts, self._move_contacts(amounts), self.mu)
+
+    def _name_friction(self) -> str:
+        """The friction, and which one could balance the loads, which this one cannot."""
+        if self.rigid is None:
+            return name_friction(self.mu)
+        return describe_friction(self._R, self.rigid[1], self.law, self.q.shape[1])
 
     def existence(self, *, exhaust: bool = False) -> Existence:
         """Whether a solution exists, as far as this can be proved without solving.
@@ -614,7 +624,8 @@ class ReducedProblem:
             direction = self._move_contacts(core.free_motion)
             opening = find_opening(core.outcome, self.mu)
             words = self._describe_motion(core.free_motion, direction, opening)
-            words = f"{words}, {name_friction(self.mu)}"
+            none = core.outcome == Outcome.NO_EQUILIBRIUM
+            words += f", {self._name_friction() if none else name_friction(self.mu)}"
         inquiry = _ReducedInquiry(self, method, max_seconds)
         return make_solution(core, free_motion_text=words, inquiry=inquiry)
 

@@ -37,6 +37,25 @@ def test_a_block_on_an_incline(
         assert find_balance(assemble(blocks, mu, gravity))[0] == stands
 
 
+@pytest.mark.parametrize("space", [False, True])
+@pytest.mark.parametrize(
+    ("slope", "words"),
+    [
+        # The search ends at ratios of 1.005; it topples from a slope of 2 on.
+        (0.4, "with mu = 0.3; contact could balance the loads from mu = 0.4 on"),
+        (2.4, "with mu = 0.3; no friction could balance the loads"),
+    ],
+)
+def test_the_friction_that_could_hold(slope: float, words: str, space: bool) -> None:
+    gravity = [slope, 0.0, -1.0] if space else [slope, -1.0]
+    problem = assemble(stone(2, 1, space=space), 0.3, gravity)
+    assert problem.equilibrium().reason.endswith(words)
+    assert problem.existence().reason.endswith(words)
+    solution = problem.solve()
+    assert solution.outcome == "no_equilibrium"
+    assert f"{words}; add a support" in solution.message
+
+
 def test_the_weight_is_density_times_volume() -> None:
     ground, block = stone(2, 3, space=True)
     block = Block("stone", block.points, block.faces, density=7.0)
