@@ -1,5 +1,6 @@
 """Warnings about a model before solving, and models without a warning."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,14 @@ def test_penetration() -> None:
         "the first step pushes them out; this is right for an interference fit, otherwise "
         "move the body or add a clearance"
     )
+    # A negative clearance asks for it; a positive one does not.
+    for clearance, count in (
+        (-0.01, 0),
+        (lambda x: -0.1 * x[:, 2] - 0.1, 0),
+        (0.01, 1),
+    ):
+        wanted = replace(on(tilted), clearance=clearance)
+        assert len(inspect(fem.assemble([cube()], [wanted]))) == count
     # The same in other units; rounding gives no warning.
     big = fem.assemble([cube(size=1e4)], [on(([0, 0, 500], [0.05, 0, 1.0]))])
     assert inspect(big)[0].startswith("12 of the 16 nodes")

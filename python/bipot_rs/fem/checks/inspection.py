@@ -109,8 +109,11 @@ def _groups(model: Assembly) -> Iterator[tuple[int, Ints]]:
 def _penetrating(model: Assembly) -> Iterator[str]:
     size = _size(model)
     for group, at in _groups(model):
+        clearance = model.contacts[group].clearance
+        added = clearance(model.points[at]) if callable(clearance) else clearance
         inside = at[model.gap[at] < -_ROUNDING * size]
-        if inside.size:
+        # A negative clearance asks for an interference.
+        if inside.size and not np.any(np.asarray(added) < 0):
             deepest = inside[np.argmin(model.gap[inside])]
             depth = -float(model.gap[deepest])
             yield (
