@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from bipot_rs._lib.types import AnyArray, Ints
+from bipot_rs._lib.types import AnyArray, Bools, Floats, Ints
 from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.contact.surfaces import ContactSurface
 from bipot_rs.files.result_mesh import Cells, ResultMesh
+
+# Share of the area of a node that no picture shows.
+_SEEN = 0.02
 
 
 def surface_names(model: Assembly) -> list[str]:
@@ -19,7 +25,7 @@ def surface_names(model: Assembly) -> list[str]:
 
 
 def surface_labels(model: Assembly) -> dict[str, AnyArray]:
-    """``surface``, ``surface_names``, in 3D ``facets``, with bolts ``bolt_names``."""
+    """``surface``, ``surface_names``, with bolts ``bolt_names``, in 3D facets and patches."""
     found = {
         "surface": model.group,
         "surface_names": np.array(surface_names(model), str),
@@ -28,15 +34,88 @@ def surface_labels(model: Assembly) -> dict[str, AnyArray]:
         found["bolt_names"] = np.array([bolt.name for bolt in model.bolts], str)
     if model.numbered.axisymmetric:
         found["revolved"] = np.array(True)
-    return found | ({"facets": contact_facets(model)} if model.dim == 3 else {})
+    if model.dim == 3:
+        patches, cut = find_patches(model)
+        found |= {"facets": contact_facets(model, cut), **patches}
+    return found
 
 
-def contact_facets(model: Assembly) -> Ints:
+def find_patches(model: Assembly) -> tuple[dict[str, AnyArray], list[Bools]]:
+    """Triangles of surfaces in 3D that do not end at their own contacts.
+
+    Where a structure repeats itself, facets have the contacts of the images of their nodes.
+    Mortar surfaces end where the other surface does; as in `bipot_rs.mortar.integrals`, corners
+    without a contact have the mean of the others.
+
+    Returns corners ``patch_x (t, 3, 3)``, their contacts ``patch_of (t, 3, 4)`` and the weights
+    of these, ``patch_weight``; and for each contact which facets of its surface they replace.
+    """
+    found: list[tuple[Floats, Ints, Floats]] = []
+    cut: list[Bools] = []
+    for number, contact in enumerate(model.contacts):
+        numbered = model.numbered[contact.body]
+        body, mine = numbered.body, np.flatnonzero(model.group == number)
+        side = ContactSurface(body, contact.surface, contact.within)
+        nodes = side.facets.corners[:, : 3 if "tri" in body.kind.facet.vtk else 4]
+        of_dof = np.full(model.n, -1)
+        of_dof[model.contact_dofs[mine, 0]] = mine
+        own = of_dof[numbered.dofs[:, 0]]
+        if contact.pairing == "mortar" and contact.against is not None:
+            from bipot_rs.mortar.integrals import overlaps
+            from bipot_rs.mortar.shape_functions import CORNER_SHAPES, reference
+
+            mesh, against = side.mesh(), model.numbered[contact.against[0]].body
+            area = np.where(own >= 0, model.area[own], 0.0)
+            partly = np.abs(area - mesh.node_areas) > _SEEN * mesh.node_areas
+            inside = np.isin(side.facets.corners, side.nodes).all(axis=1)
+            cut.append(np.logical_and(inside, partly[nodes].any(axis=1)))
+            mesh = mesh.some(cut[-1][inside])
+            other = ContactSurface(against, contact.against[1]).mesh()
+            over = overlaps(mesh, other, np.inf)
+            x = mesh.centre[over.slave, None] + over.polygons @ mesh.bases[over.slave]
+            shapes = CORNER_SHAPES[mesh.kind.corners]
+            weight = shapes(reference(mesh.flat[over.slave], over.polygons))
+            of = own[mesh.corners[over.slave]]
+        else:
+            for pairs in model.images:
+                onto = of_dof[pairs.onto]
+                of_dof[pairs.onto] = np.where(onto < 0, of_dof[pairs.on], onto)
+            of = of_dof[numbered.dofs[:, 0]][nodes]
+            cut.append(
+                np.logical_and((of >= 0).all(axis=1), (own[nodes] < 0).any(axis=1))
+            )
+            x, of = body.points[nodes[cut[-1]]], of[cut[-1]]
+            weight = np.broadcast_to(np.eye(of.shape[1]), (len(of), *2 * of.shape[1:]))
+        if len(of):
+            found.append(_split_polygons(x, of, weight))
+    names = ("patch_x", "patch_of", "patch_weight")
+    arrays = map(np.concatenate, zip(*found, strict=True))
+    return dict(zip(names, arrays, strict=bool(found))), cut
+
+
+def _split_polygons(x: Floats, of: Ints, weight: Floats) -> tuple[Floats, Ints, Floats]:
+    """Triangles of polygons ``(k, v, 3)`` whose contacts ``of (k, c)`` have weights."""
+    has = (of >= 0)[:, None]
+    mean = np.sum(weight * ~has, axis=2, keepdims=True) / has.sum(axis=2, keepdims=True)
+    weight = np.where(has, weight + mean, 0.0)
+    weight = np.pad(weight, ((0, 0), (0, 0), (0, 4 - of.shape[1])))
+    most = of.max(axis=1)[:, None]
+    of = np.column_stack([np.where(of < 0, most, of), most])
+    fans = np.array([[0, k, k + 1] for k in range(1, x.shape[1] - 1)])
+    x, weight = x[:, fans].reshape(-1, 3, 3), weight[:, fans].reshape(-1, 3, 4)
+    # Polygons with fewer corners repeat the last one.
+    real = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]).any(axis=1)
+    of = np.broadcast_to(of[:, None, None, :4], (len(of), len(fans), 3, 4))
+    return x[real], of.reshape(-1, 3, 4)[real], weight[real]
+
+
+def contact_facets(model: Assembly, cut: Sequence[Bools] | None = None) -> Ints:
     """Facets of `contact_surface` as one array of contacts, ``(m, k)``.
 
     Rows of facets with fewer nodes than others end in -1.
     """
-    parts = [nodes for kind, nodes in contact_surface(model) if kind != "vertex"]
+    surfaces = contact_surface(model, cut)
+    parts = [nodes for kind, nodes in surfaces if kind != "vertex"]
     found = np.full(
         (sum(map(len, parts)), max((p.shape[1] for p in parts), default=3)), -1
     )
@@ -47,8 +126,12 @@ def contact_facets(model: Assembly) -> Ints:
     return found.astype(np.int64)
 
 
-def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
+def contact_surface(
+    model: Assembly, cut: Sequence[Bools] | None = None
+) -> list[tuple[str, Ints]]:
     """Facets whose corners are all contacts, as cells with contacts as nodes.
+
+    ``cut``: facets of the surface of each contact to leave out.
 
     A facet of second order with contacts at its corners but not at all midpoints is linear.
 
@@ -66,6 +149,8 @@ def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
         of_node = np.full(len(body.points), -1, dtype=np.int64)
         of_node[numbered.nodes_at(model.contact_dofs[mine, 0])] = mine
         nodes = of_node[body.surface(contact.surface).corners]
+        if cut is not None:
+            nodes = nodes[~cut[number]]
         kind = body.kind.facet.vtk
         linear = kind.rstrip("0123456789")
         ends = {"line": 2, "triangle": 3, "quad": 4}[linear]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.contact.law.frames import frames
 from bipot_rs.mortar.shape_functions import CORNER_SHAPES, FacetKind, kind_of, skewness
@@ -35,6 +35,11 @@ class FacetMesh:
     centre: Floats
     radius: Floats
     revolved: bool = False  # the half section (r, z) of a surface of revolution
+
+    def some(self, chosen: Bools) -> FacetMesh:
+        """Some of the facets."""
+        arrays = ("facets", "normals", "size", "centre", "radius")
+        return replace(self, **{name: getattr(self, name)[chosen] for name in arrays})
 
     @property
     def dim(self) -> int:

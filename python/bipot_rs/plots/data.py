@@ -58,6 +58,8 @@ class DrawnContacts:
     said: str = ""  # `"load step 3 of 8"`, or "" if there is one step only
     # (m, k) or None: facets of a surface in 3D, as `triangles.check_facets`.
     facets: Ints | None = None
+    # Triangles beside the facets: corners (t, 3, 3), their contacts and weights (t, 3, 4).
+    patches: tuple[Floats, Ints, Floats] | None = None
     revolved: bool = False  # whether x is (r, z), of bodies of revolution
 
     @property
@@ -84,7 +86,32 @@ class DrawnContacts:
         facets = self.facets
         if facets is not None:
             facets = triangles.part(facets, numbers(chosen, len(self.x)), len(self.x))
-        return replace(self, **cut, facets=facets)
+        patches = self.patches
+        if patches is not None:
+            number = np.full(len(self.x), -1)
+            number[chosen] = np.arange(len(cut["x"]))
+            x, of, weight = patches
+            kept = (number[of] >= 0).all(axis=(1, 2))
+            patches = x[kept], number[of[kept]], weight[kept]
+        return replace(self, **cut, facets=facets, patches=patches)
+
+    def spread(self, values: Floats) -> tuple[Floats, Floats, Ints]:
+        """Places and values of the contacts and the corners of patches; these triangles."""
+        if self.patches is None:
+            return self.x, values, np.empty((0, 3), np.int64)
+        x, of, weight = self.patches
+        at = np.sum(weight * values[of], axis=2).ravel()
+        places = np.concatenate([self.x, x.reshape(-1, 3)])
+        corners = np.arange(len(self.x), len(places)).reshape(-1, 3)
+        return places, np.concatenate([values, at]), corners
+
+    @property
+    def isolated(self) -> NDArray[np.intp]:
+        """Contacts on no facet; all if facets are unknown."""
+        if self.facets is None:
+            return np.arange(len(self.x))
+        alone = triangles.alone(self.facets, len(self.x))
+        return alone if self.patches is None else np.setdiff1d(alone, self.patches[1])
 
     @property
     def traction(self) -> Floats:
@@ -253,6 +280,9 @@ def look(
         "slip": getattr(solution, "slip", v[:, 1:]),
         "wear": getattr(solution, "wear", None),
     }
+    patches = None
+    if arrays_of_contacts.get("facets") is not None and "patch_x" in arrays_of_contacts:
+        patches = tuple(arrays_of_contacts[f"patch_{k}"] for k in ("x", "of", "weight"))
     seen = DrawnContacts(
         units=units_of(found, units),
         surface=surface_of(arrays_of_contacts, n),
@@ -260,6 +290,7 @@ def look(
         said=said_of(found, step),
         revolved=arrays_of_contacts.get("revolved") is not None,
         facets=facets_of(arrays_of_contacts, n) if d == 3 else None,
+        patches=patches,
         **optional,  # type: ignore[arg-type]
         **fields,  # type: ignore[arg-type]
     )

@@ -25,7 +25,7 @@ from bipot_rs.plots.data import (
     model_of,
 )
 from bipot_rs.plots.geometry.boundary_facets import sharp_edges
-from bipot_rs.plots.geometry.triangles import alone, corners, pieces
+from bipot_rs.plots.geometry.triangles import corners, pieces
 from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, is_plane, span, values_of
 
@@ -127,14 +127,18 @@ def _values(
     return values, name, unit, span(values, quantity, seen.area, limits)
 
 
-def _polygons(seen: DrawnContacts) -> list[Ints]:
-    """Corners of the facets, ``(m, 3)`` and ``(m, 4)``; [] if facets are unknown."""
-    return [] if seen.facets is None else corners(seen.facets)
+def _polygons(seen: DrawnContacts, values: Floats) -> tuple[Floats, Floats, list[Ints]]:
+    """Places, values, and corners of facets, ``(m, 3)`` and ``(m, 4)``; [] if unknown."""
+    x, spread, patches = seen.spread(values)
+    parts = [] if seen.facets is None else corners(seen.facets)
+    return x, spread, parts if seen.patches is None else [*parts, patches]
 
 
-def _zones(status: Floats, parts: list[Ints]) -> list[Floats]:
-    """Status of each facet: the median of its corners, ordered open, slip, stick."""
-    return [np.median(status[corners], axis=1).round() for corners in parts]
+def _zones(seen: DrawnContacts, parts: list[Ints]) -> Floats:
+    """Status of each facet: the median of its contacts, ordered open, slip, stick."""
+    if seen.patches is not None:
+        parts = [*parts[:-1], seen.patches[1][:, 0]]
+    return np.concatenate([np.median(seen.status[k], axis=1).round() for k in parts])
 
 
 def draw_space(
@@ -155,7 +159,7 @@ def draw_space(
     from matplotlib.colors import Normalize
 
     values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
-    parts = _polygons(seen)
+    x, spread, parts = _polygons(seen, values)
     nothing = not values.any()
     colours: style.Colours = {"norm": Normalize(low, high), "cmap": "viridis"}
     if quantity == "status":
@@ -164,22 +168,18 @@ def draw_space(
         colours["cmap"] = style.blank()
     image: Any = None
     if parts and quantity == "status":
-        polygons = [polygon for corners in parts for polygon in seen.x[corners]]
-        image = facets_in_space(
-            polygons, np.concatenate(_zones(values, parts)), ax, **colours
-        )
+        polygons = [polygon for corners in parts for polygon in x[corners]]
+        image = facets_in_space(polygons, _zones(seen, parts), ax, **colours)
     elif parts:
         most = _PIECES // len(parts)
-        cut = [pieces(seen.x[c], values[c], most) for c in parts]
+        cut = [pieces(x[c], spread[c], most) for c in parts]
         polygons = [polygon for part, _ in cut for polygon in part]
         smooth: style.FacetStyle = {**colours, "lw": 0.0, "edgecolor": "none"}
         at = np.concatenate([centres for _, centres in cut])
         image = facets_in_space(polygons, at, ax, **smooth)
         # Without seams between the pieces.
         image.set_antialiased(False)
-    dots = np.arange(len(values))
-    if seen.facets is not None:
-        dots = alone(seen.facets, len(values))
+    dots = seen.isolated
     if dots.size:
         drawn = ax.scatter(
             *seen.x[dots].T, c=values[dots], s=8, depthshade=False, **colours
@@ -190,7 +190,7 @@ def draw_space(
         draw_edges(model, model.nodes, ax, lw=0.7)
         places = model.nodes
     if parts and not is_plane(seen):
-        ax.view_init(*find_view(_outward(seen, parts))[0])
+        ax.view_init(*find_view(_outward(seen, x, parts))[0])
     if arrows:
         ax.quiver(*_arrows(seen, places, limits), color=style.SHEAR, lw=0.8, zorder=4)
         # By depth matplotlib would hide arrows that lie in the facets.
@@ -212,9 +212,9 @@ def draw_space(
     return ax
 
 
-def _outward(seen: DrawnContacts, parts: list[Ints]) -> Floats:
+def _outward(seen: DrawnContacts, x: Floats, parts: list[Ints]) -> Floats:
     """Normals of the facets times their areas, of a flat surface none."""
-    a, b, c = seen.x[np.concatenate([p[:, :3] for p in parts])].swapaxes(0, 1)
+    a, b, c = x[np.concatenate([p[:, :3] for p in parts])].swapaxes(0, 1)
     return np.cross(b - a, c - a) * (0.0 if is_plane(seen) else 1.0)
 
 
@@ -246,7 +246,7 @@ def _pyvista(
         plotter = pv.Plotter(off_screen=True, window_size=(1000, 800))
     values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
     name = style.label(name, unit)
-    parts = _polygons(seen)
+    x, spread, parts = _polygons(seen, values)
     if not parts:
         raise ValueError(
             "the facets of the contacts are not known: pass the model, or contacts= with "
@@ -254,10 +254,10 @@ def _pyvista(
         )
     # PyVista: for each polygon the number of corners, and the corners.
     faces = [np.column_stack([np.full(len(c), c.shape[1]), c]).ravel() for c in parts]
-    surface = pv.PolyData(seen.x, faces=np.concatenate(faces))
+    surface = pv.PolyData(x, faces=np.concatenate(faces))
     look = {"clim": (low, high), "show_edges": True, "lighting": False}
     if quantity == "status":
-        surface.cell_data[name] = np.concatenate(_zones(values, parts))
+        surface.cell_data[name] = _zones(seen, parts)
         colours = list(style.COLOURS)
         plotter.add_mesh(
             surface, scalars=name, cmap=colours, show_scalar_bar=False, **look
@@ -266,7 +266,7 @@ def _pyvista(
         legend = [[h.get_label(), h.get_facecolor()[:3]] for h in handles]
         plotter.add_legend(legend, bcolor=None, face="rectangle", size=(0.2, 0.15))
     else:
-        surface.point_data[name] = values
+        surface.point_data[name] = spread
         # On the right of the bodies.
         bar: dict[str, object] = {
             "vertical": True,
@@ -294,6 +294,6 @@ def _pyvista(
         plotter.add_text(NOTHING[quantity], position="upper_edge", font_size=12)
     plotter.show_axes()
     # Last, when all is there to be seen.
-    plotter.view_vector(find_view(_outward(seen, parts))[1])
+    plotter.view_vector(find_view(_outward(seen, x, parts))[1])
     plotter.camera.zoom(0.95)
     return plotter

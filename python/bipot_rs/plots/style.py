@@ -207,10 +207,10 @@ def colour_bar(
         power = name_axis(bar.ax.yaxis, name, unit)
     else:
         # As high as the axes, also if equal scales make these low, and as wide as usual
-        # if equal scales make the axes narrow.
+        # if equal scales make the axes narrow. Arrows of a map reach over the frame by 0.03.
         wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
         part = 1.0 if ax.get_aspect() == "auto" else max(high / wide, 1.0)
-        beside = ax.inset_axes((1.0 + 0.03 * part, 0.0, 0.045 * part, 1.0))
+        beside = ax.inset_axes((1.0 + 0.05 * part, 0.0, 0.045 * part, 1.0))
         bar = ax.figure.colorbar(image, cax=beside, extend=extend)
         power = name_axis(bar.ax.yaxis, name, unit)
     if extend in ("max", "both") and np.isfinite(most):

@@ -21,7 +21,7 @@ from bipot_rs.plots.data import (
     steps_of,
 )
 from bipot_rs.plots.geometry.raster import Raster
-from bipot_rs.plots.geometry.triangles import alone, of_points, split
+from bipot_rs.plots.geometry.triangles import of_points, split
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
 
 if TYPE_CHECKING:
@@ -154,8 +154,9 @@ def paint(
 
     Contacts on no facet are dots.
     """
-    raster = Raster.around(uv)
-    image = raster.interpolate(uv, surface_triangles(seen, uv), values)
+    places, spread, corners = _mesh(seen, uv, values)
+    raster = Raster.around(places)
+    image = raster.interpolate(places, corners, spread)
     image_drawn = raster.show(image, ax, **colours)
     _dots(seen, uv, values, ax, **colours)
     return image_drawn
@@ -168,18 +169,21 @@ def _dots(
     ax: Axes,
     **colours: Unpack[style.Colours],
 ) -> None:
-    if seen.facets is not None:
-        isolated = alone(seen.facets, len(uv))
-        if isolated.size:
-            u, v = uv[isolated].T
-            ax.scatter(u, v, c=values[isolated], s=9, lw=0, zorder=2, **colours)
+    if seen.facets is not None and seen.isolated.size:
+        u, v = uv[seen.isolated].T
+        at = values[seen.isolated]
+        ax.scatter(u, v, c=at, s=9, lw=0, zorder=2, **colours)
 
 
-def surface_triangles(seen: DrawnContacts, uv: Floats) -> Ints:
-    """Triangles ``(t, 3)``: of the facets if these are known, else of the points."""
+def _mesh(
+    seen: DrawnContacts, uv: Floats, values: Floats
+) -> tuple[Floats, Floats, Ints]:
+    """Places, values and triangles: of the facets if these are known, else of the points."""
     if seen.facets is None:
-        return of_points(uv, seen.area)
-    return split(seen.facets)
+        return uv, values, of_points(uv, seen.area)
+    x, spread, patches = seen.spread(values)
+    corners = np.concatenate([split(seen.facets), patches])
+    return x @ tangents(seen)[0].T, spread, corners
 
 
 def values_of(seen: DrawnContacts, quantity: str) -> tuple[Floats, str, str | None]:
@@ -283,13 +287,19 @@ def draw_status(seen: DrawnContacts, ax: Axes) -> Axes:
     from scipy.spatial import cKDTree
 
     uv, names = plane_of(seen)
-    raster = Raster.around(uv)
-    status = seen.status.astype(float)
-    image = status[cKDTree(uv).query(raster.places)[1]]
+    places, status, corners = uv, seen.status.astype(float), None
     if not is_line(uv):
-        inside = raster.interpolate(uv, surface_triangles(seen, uv), status)
+        places, status, corners = _mesh(seen, uv, status)
+    raster, known = Raster.around(places), np.ones(len(places), np.bool_)
+    if seen.patches is not None:
+        # Of their corners only those at contacts and images of contacts.
+        known[len(uv) :] = seen.patches[2].max(axis=2).ravel() > 1 - _PLANE
+    nearest = cKDTree(places[known]).query(raster.places)[1]
+    image = status[known][nearest].round()
+    if corners is not None:
+        inside = raster.interpolate(places, corners, status)
         image[np.isnan(inside)] = np.nan
-        _dots(seen, uv, status, ax, **style.status_colours())
+        _dots(seen, uv, status[: len(uv)], ax, **style.status_colours())
     raster.show(image, ax, **style.status_colours())
     zones = style.status_handles(seen.status)
     style.legend_above(ax, handles=zones, title=seen.said)
@@ -356,6 +366,8 @@ def finish(
 ) -> None:
     """Set the limits and the labels of the axes of a map, with equal scales."""
     unit = seen.units.get("length")
+    if seen.patches is not None:
+        uv = seen.spread(seen.gap)[0] @ tangents(seen)[0].T
     around = margin * np.ptp(uv, axis=0).max()
     low, high = uv.min(axis=0) - around, uv.max(axis=0) + around
     ax.set_aspect("equal")

@@ -2,12 +2,14 @@
 
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem, plots
 from bipot_rs.fem.contact_surface import contact_facets
+from bipot_rs.plots.data import DrawnContacts, look
 from bipot_rs.plots.geometry import triangles
 from support.layout import overlaps
 
@@ -57,6 +59,75 @@ def test_second_order_mortar_surfaces_are_whole(cell: str) -> None:
     a, b, c = model.points[triangles.split(facets)].swapaxes(0, 1)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
     assert area == pytest.approx(1.0, rel=1e-12)
+
+
+def drawn_area(seen: DrawnContacts) -> float:
+    """Area of the facets and patches that are drawn."""
+    x, _, patches = seen.spread(seen.gap)
+    assert seen.facets is not None
+    a, b, c = x[np.concatenate([triangles.split(seen.facets), patches])].swapaxes(0, 1)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("side", [(0.35, 1.3), (-0.2, 0.85), (-0.2, 0.8)])
+def test_mortar_surfaces_end_where_the_other_does(
+    side: tuple[float, float], cell: str, order: int
+) -> None:
+    """The upper body lies on a part of the lower one; neither mesh fits the border."""
+    upper, lower = np.linspace(0, 1, 5), np.linspace(*side, 4)
+    bodies = []
+    for name, x, z in (("high", upper, (1, 2)), ("low", lower, (0, 1))):
+        mesh = fem.box([x, upper, list(z)], cell)
+        mesh = fem.second_order(mesh) if order == 2 else mesh
+        bodies.append(fem.Body(name, mesh, fem.Material(10.0, 0.3)))
+    contact = fem.Contact(
+        "high", "bottom", 0.3, against=("low", "top"), pairing="mortar"
+    )
+    model = fem.assemble(bodies, [contact], [fem.Support("low", "bottom", [0, 1, 2])])
+    count = len(model.points)
+    result = bp.ReducedProblem(np.eye(3 * count), np.ones((count, 3)), 0.3).solve()
+    seen = look(result, contacts=model)
+    covered = min(side[1], 1) - max(side[0], 0)
+    assert drawn_area(seen) == pytest.approx(covered, rel=1e-12)
+    assert drawn_area(seen) == pytest.approx(model.area.sum(), rel=1e-12)
+    assert not seen.isolated.size
+    x, field, corners = seen.spread(seen.x[:, 0])
+    assert len(corners)
+    assert x[corners][..., 0].min() >= max(side[0], 0) - 1e-12
+    assert x[corners][..., 0].max() <= min(side[1], 1) + 1e-12
+    # A linear field is exact if all corners have a contact. Of the nodes at x = 1, 0.8 covers
+    # less than 1/20: the field goes on as the mean of the contacts at 0.75.
+    kept = 0.75 if side[1] == 0.8 else 1.0
+    if cell == "hexahedron" or kept == 1:
+        exact = np.minimum(x[:, 0], kept)
+        np.testing.assert_allclose(field, exact, rtol=0, atol=1e-12)
+    if kept == 1:
+        field = seen.spread(seen.x @ [1.0, -2.0, 3.0])[1]
+        np.testing.assert_allclose(field, x @ [1.0, -2.0, 3.0], rtol=0, atol=1e-12)
+    # Of a part of the contacts, the facets and patches of these remain.
+    if kept == 1:
+        part = seen.part(model.points[:, 1] <= 0.5)
+        assert drawn_area(part) == pytest.approx(covered / 2, rel=1e-12)
+
+
+def test_surfaces_that_repeat_themselves_are_whole(tmp_path: Any) -> None:
+    """At the cut x = 0 stand the values of the contacts at the cut y = 0."""
+    result = bp.Model.from_toml("twisted_pad").with_(**{"mesh.n": 4}).solve()
+    result.save(tmp_path / "pad.h5")
+    for source in (result, bp.load(tmp_path / "pad.h5")):
+        seen = look(source)
+        assert drawn_area(seen) == pytest.approx(400.0, rel=1e-12)
+        x, pressure, _ = seen.spread(seen.traction[:, 0])
+        turned = x[:, [1, 0, 2]]
+        for at, value in zip(x[x[:, 0] == 0], pressure[x[:, 0] == 0], strict=True):
+            image = np.flatnonzero((turned[: len(seen.x)] == at).all(axis=1))
+            assert value == pressure[image].item()
+        for draw in (plots.surface_map, plots.status_map):
+            (image,) = draw(source).images
+            assert not np.ma.getmaskarray(image.get_array()).any()
+            plt.close("all")
 
 
 @pytest.mark.parametrize("corners", [3, 4])
