@@ -96,17 +96,18 @@ def find_patches(model: Assembly) -> tuple[dict[str, AnyArray], list[Bools]]:
 def _split_polygons(x: Floats, of: Ints, weight: Floats) -> tuple[Floats, Ints, Floats]:
     """Triangles of polygons ``(k, v, 3)`` whose contacts ``of (k, c)`` have weights."""
     has = (of >= 0)[:, None]
-    mean = np.sum(weight * ~has, axis=2, keepdims=True) / has.sum(axis=2, keepdims=True)
-    weight = np.where(has, weight + mean, 0.0)
+    count = np.maximum(has.sum(axis=2, keepdims=True), 1)
+    rest = np.sum(weight * ~has, axis=2, keepdims=True)
+    weight = np.where(has, weight + rest / count, 0.0)
     weight = np.pad(weight, ((0, 0), (0, 0), (0, 4 - of.shape[1])))
-    most = of.max(axis=1)[:, None]
-    of = np.column_stack([np.where(of < 0, most, of), most])
+    most = of.max(axis=1, keepdims=True)
+    of = np.column_stack([np.where(of < 0, most, of), most])[:, None, None, :4]
     fans = np.array([[0, k, k + 1] for k in range(1, x.shape[1] - 1)])
     x, weight = x[:, fans].reshape(-1, 3, 3), weight[:, fans].reshape(-1, 3, 4)
     # Polygons with fewer corners repeat the last one.
     real = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]).any(axis=1)
-    of = np.broadcast_to(of[:, None, None, :4], (len(of), len(fans), 3, 4))
-    return x[real], of.reshape(-1, 3, 4)[real], weight[real]
+    of = np.broadcast_to(of, (len(of), len(fans), 3, 4)).reshape(-1, 3, 4)
+    return x[real], of[real], weight[real]
 
 
 def contact_facets(model: Assembly, cut: Sequence[Bools] | None = None) -> Ints:
