@@ -296,3 +296,24 @@ def test_a_part_of_the_bodies_is_drawn() -> None:
     wide = plots.deformed(model, result, limits=(0.0, 1e-3))
     bar = next(c for c in wide.collections if c.colorbar is not None)
     assert (bar.get_clim(), bar.colorbar.extend) == ((0.0, 1e-3), "max")
+
+
+@pytest.mark.parametrize("shape", [(1.0, 1.0), (1.0, 3.0), (3.0, 1.0)])
+def test_arrows_keep_clear_of_the_colour_bar(shape: tuple[float, float]) -> None:
+    """Also in a high or a low map, whose bar is as wide and as high as the map asks."""
+    u, v = (side * np.linspace(0, 1, 5) for side in shape)
+    x = np.array([[a, b, 0.0] for a in u for b in v])
+    frame = np.broadcast_to(np.eye(3)[[2, 0, 1]], (len(x), 3, 3))
+    # Each is pushed along x, and sticks.
+    reaction = np.tile([2.0, 0.5, 0.0], (len(x), 1))
+    W, q = np.eye(3 * len(x)), -reaction
+    solution = bp.ReducedProblem(W, q, 0.3).solve()
+    known = {"x": x, "frame": frame, "area": np.ones(len(x))}
+    ax = plots.surface_map(solution, "shear", contacts=known)
+    ax.figure.canvas.draw()
+    (arrows,) = (c for c in ax.collections if hasattr(c, "scale_units"))
+    half = 0.5 / arrows.scale
+    tips = ax.transData.transform([[arrows.X.max() + half, 0.0]])[0, 0]
+    left = ax.child_axes[0].get_window_extent().x0
+    assert left - tips > 0.01 * ax.get_window_extent().width
+    plt.close("all")
