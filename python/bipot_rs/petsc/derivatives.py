@@ -269,6 +269,12 @@ class DistributedDerivatives:
 
     def _linearise(self, result: Result, derive: Callable[[LinearPath], T]) -> T:
         """What ``derive`` makes of the linearised steps."""
+        if self.engine.copies is not None:
+            raise ValueError(
+                "contacts share nodes, or a support holds one along a direction that is "
+                "neither its normal nor a tangent: engine='petsc' has no derivatives then; "
+                "use engine='direct' or 'iterative'"
+            )
         response = DistributedResponse(self.engine)
         path = LinearPath(self.model, result.steps, result.contacts, response)
         try:

@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats, Ints, PetscVec
+from bipot_rs._lib.types import Floats, Ints, PetscMat, PetscVec
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.iterative import UncondensedStep
+from bipot_rs.contact.path.springs import Springs
 from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.solution import Step as WholeStep
+from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.linear.solver import LinearSolver
 from bipot_rs.petsc.operator import Operator
 from bipot_rs.petsc.result import Step
@@ -135,6 +137,31 @@ NO_FRAMES = (
 
 
 @dataclass(frozen=True)
+class Copies:
+    """Copies of the displacements of sides of contacts, which are the last rows of the last rank.
+
+    `places` are those of the contacts in ``K``, and `all_places` have those of the copies too.
+    """
+
+    springs: Springs
+    K: PetscMat  # that of the caller
+    places: Interface
+    all_places: Interface
+
+    def extended(self, operator: Operator, vector: PetscVec) -> PetscVec:
+        """A Vec with zeros at the copies."""
+        longer = operator.make_zeros()
+        longer.array[: vector.getLocalSize()] = vector.array_r
+        return longer
+
+    def shortened(self, vector: PetscVec) -> PetscVec:
+        """A Vec without the copies."""
+        shorter = self.K.createVecRight()
+        shorter.array[:] = vector.array_r[: shorter.getLocalSize()]
+        return shorter
+
+
+@dataclass(frozen=True)
 class PetscEngine:
     """Solves in the displacements with ``K`` distributed over the ranks."""
 
@@ -147,7 +174,13 @@ class PetscEngine:
     # The law of the contacts, if it is not that of `operator`.
     law: ContactLaw | None = None
     record: SolverCounts = field(default_factory=SolverCounts)
+    copies: Copies | None = None  # those that `operator` has beside the K of the caller
     name = "petsc"
+
+    @property
+    def stiffness(self) -> PetscMat:
+        """The stiffness of the caller."""
+        return self.operator.K if self.copies is None else self.copies.K
 
     @property
     def stats(self) -> Mapping[str, object]:
@@ -187,14 +220,17 @@ class PetscEngine:
 
     def path(self, at: WholeStep | None) -> PetscPath:
         """A load path that starts from a step, or from the unloaded bodies."""
+        return PetscPath(self, at)
+
+    def from_step(self, at: WholeStep | None) -> _core.ContactPath:
+        """The path of the core that starts from a step."""
         variables = self.operator.variables
         if self.law is not None:
             variables = variables.with_law(self.law)
         if at is None:
-            return PetscPath(self, _core.ContactPath(variables), None)
+            return _core.ContactPath(variables)
         state = at.reaction, at.relative_displacement, at.status
-        path = _core.ContactPath(variables, state)
-        return PetscPath(self, path, at.computed.displacement)
+        return _core.ContactPath(variables, state)
 
     def recovery(self, _seconds: dict[str, float], _contacts: Contacts, /) -> _Recovery:
         """Steps of this engine have their displacements already."""
@@ -234,25 +270,40 @@ class PetscEngine:
 class PetscPath:
     """A load path in progress."""
 
-    def __init__(
-        self,
-        engine: PetscEngine,
-        core: _core.ContactPath,
-        displacement: Any,
-    ) -> None:
+    def __init__(self, engine: PetscEngine, at: WholeStep | None) -> None:
         self.engine = engine
-        self._core = core
-        self._u = displacement
+        self._core = engine.from_step(at)
+        self._last = at
         self._operations = VectorOperations(engine)
 
     def step(
         self, load: Any, prescribed: Floats, gap: Floats | None, settings: Settings
     ) -> Step:
         """Make a step to the total loads; the path moves on only if it converges."""
+        u: Any = None if self._last is None else self._last.computed.displacement
+        asked = prescribed, gap, settings
+        copies = self.engine.copies
+        if copies is None:
+            step = self._solve(load, u, *asked)
+        else:
+            step = self._solve_with_copies(copies, load, u, *asked)
+        if step.converged:
+            self._last = step
+        return step
+
+    def _solve(
+        self,
+        load: PetscVec,
+        u: PetscVec | None,
+        prescribed: Floats,
+        gap: Floats | None,
+        settings: Settings,
+    ) -> Step:
+        """One step of the core, which starts from the displacements ``u``."""
         engine = self.engine
         operator = engine.operator
         engine.solver.begin()
-        y = operator.make_zeros() if self._u is None else operator.to_unknowns(self._u)
+        y = operator.make_zeros() if u is None else operator.to_unknowns(u)
         force = engine.make_force(load, prescribed)
         core, y = self._core.step(
             self._operations, y, force, prescribed, gap, *settings
@@ -261,10 +312,46 @@ class PetscPath:
         engine.record.krylov += core.krylov
         engine.record.reason = core.reason or ""
         displacement = engine.make_displacement(y, prescribed)
-        step = make_newton_step(core, displacement, Step)  # type: ignore[arg-type]
-        if step.converged:
-            self._u = displacement
-        return step
+        return make_newton_step(core, displacement, Step)  # type: ignore[arg-type]
+
+    def _solve_with_copies(
+        self,
+        copies: Copies,
+        load: PetscVec,
+        u: Any,
+        prescribed: Floats,
+        gap: Floats | None,
+        settings: Settings,
+    ) -> Step:
+        """A step with copies on springs, from the last state each time."""
+        operator, record = self.engine.operator, self.engine.record
+        springs, places = copies.springs, copies.all_places
+        if u is not None:
+            spread = springs.spread(copies.places.gather(u))
+            u = copies.extended(operator, u)
+            places.write(spread, u)
+
+        def step(added: Floats, *_how: bool) -> tuple[WholeStep, str]:
+            nonlocal u
+            force = copies.extended(operator, load)
+            force.array[places.rows] += added[places.own]
+            self._core = self.engine.from_step(self._last)
+            solved = self._solve(force, u, prescribed, gap, settings)
+            u = solved.displacement
+            computed = replace(solved.computed, displacement=places.gather(u))
+            return replace(solved, computed=computed), record.reason
+
+        solved, record.reason = springs.solve(
+            step,
+            np.zeros(len(springs.place)),
+            None if self._last is None else self._last.reaction,
+            None,
+            settings.tol,
+            operator.comm.bcast,
+        )
+        u = copies.shortened(u)
+        computed = replace(solved.computed, displacement=u)
+        return replace(solved, computed=computed)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)

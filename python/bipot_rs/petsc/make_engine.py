@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 import bipot_rs._core as _core
 from bipot_rs._lib.machine import available
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
+from bipot_rs._lib.validation import csr
 from bipot_rs.contact.errors import NotIterativeError, describe_contact, with_reason
 from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.springs import Springs
 from bipot_rs.petsc import own_rows, tuning
 from bipot_rs.petsc.agreement import do_together
 from bipot_rs.petsc.bodies import (
@@ -25,7 +29,7 @@ from bipot_rs.petsc.bodies import (
     orthonormal,
     rigid_motions,
 )
-from bipot_rs.petsc.engine import PetscEngine
+from bipot_rs.petsc.engine import Copies, PetscEngine
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.library import Library
 from bipot_rs.petsc.linear import options
@@ -61,9 +65,12 @@ class _Places(NamedTuple):
     contact: CsrMatrix
 
 
-def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
+def make_engine(
+    K: PetscMat, given: Arguments, library: Library, copies: Copies | None = None
+) -> PetscEngine:
     """Check K, find its bodies and what holds them, and make the engine.
 
+    ``copies``: those that K has already. Contacts without a node of their own get some.
     Raises `ValueError`: K is not finite, not symmetric, or has a negative diagonal.
     Raises `NotIterativeError`: something may move freely.
     """
@@ -72,7 +79,8 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     do_together(comm, rows.check_finite)
     do_together(comm, lambda: _check_diagonal(K))
     own_rows.check_symmetry(K, comm)
-    interface, fixed, position, contact = _number_places(K, given, library)
+    places = _number_places(K, given, library)
+    interface, fixed, position, contact = places
     outside = rows.outside()
     local = rows.local(outside)
     bring = own_rows.scatter(K, outside, library.PETSc)
@@ -112,13 +120,24 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
             reason = error.reason if i is None else describe_contact(error, where)
             raise with_reason(error, reason, "petsc") from None
 
-    variables = do_together(comm, make_variables)
+    try:
+        variables = do_together(comm, make_variables)
+    except NotIterativeError as error:
+        if copies is not None or not error.contacts:
+            raise
+        about_nodes = error.contacts, body_of_place[::d], blocks
+        changed = _copy_sides(K, given, library, places, about_nodes)
+        if changed is None:
+            raise
+        return make_engine(*changed)
     operator = Operator(K, variables, interface, fixed, d, library.PETSc)
     solver = _make_solver(operator, motions, given.gather, loose=loose)
     # Without coordinates it is not known which rotations are soft. A body that contact alone
     # holds may have a motion that nothing resists, and no correction settles.
     soft = not loose and given.coordinates is None
-    return PetscEngine(operator, solver, given.fixed, given.contacts.shape, soft)
+    return PetscEngine(
+        operator, solver, given.fixed, given.contacts.shape, soft, copies=copies
+    )
 
 
 def _check_diagonal(K: PetscMat) -> None:
@@ -153,6 +172,69 @@ def _number_places(K: PetscMat, given: Arguments, library: Library) -> _Places:
     first, last = K.getOwnershipRange()
     own_places = ranked[(ranked >= first) & (ranked < last)] - first
     return _Places(interface, own_places, position, contact)
+
+
+def _copy_sides(
+    K: PetscMat,
+    given: Arguments,
+    library: Library,
+    places: _Places,
+    about: tuple[Sequence[int], Ints, Floats],
+) -> tuple[PetscMat, Arguments, Library, Copies] | None:
+    """The arguments of `make_engine` with copies at some contacts; None if none gets one.
+
+    ``about``: contacts, the body of each node of the interface, and blocks of K there.
+    """
+    (contacts, body, blocks), d = about, given.contacts.d
+    interface, size = places.interface, len(places.interface.dofs)
+    numbers = np.arange(size)
+    springs, operator = Springs.hold([], 0.0, size, d).with_copies(
+        numbers,
+        body,
+        blocks[numbers, numbers % d],
+        places.contact,
+        contacts,
+        np.flatnonzero(places.position < len(given.fixed)),
+    )
+    added = d * len(springs.contacts)
+    if not added:
+        return None
+    rows, n, ranges = own_rows.OwnRows.of(K), K.getSize()[0], K.getOwnershipRanges()
+    comm = K.comm.tompi4py()
+    last = comm.rank == comm.size - 1
+    count, total = rows.count + added * last, n + added
+    dofs = np.concatenate([interface.dofs, np.arange(n, total)])
+    ends = np.append(ranges[:-1], total).astype(np.int64)
+    all_places = Interface(comm, library.MPI, dofs, ends)
+    stretched = (springs.rows.T @ diags_array(springs.stiffness) @ springs.rows).tocoo()
+    row = dofs[stretched.row] - rows.first
+    own = (row >= 0) & (row < count)
+    entries = stretched.data[own], (row[own], dofs[stretched.col[own]])
+    pointer = np.append(rows.pointer, np.full(count - rows.count, rows.pointer[-1]))
+    shape = count, total
+    stiffened = csr_array((rows.values, rows.column, pointer), shape=shape)
+    stiffened = csr_array(stiffened + csr_array(entries, shape=shape))
+    kind = library.PETSc.IntType
+    parts = (
+        stiffened.indptr.astype(kind),
+        stiffened.indices.astype(kind),
+        stiffened.data,
+    )
+    sizes = ((count, total), (count, total))
+    matrix = library.PETSc.Mat().createAIJ(sizes, bsize=d, csr=parts, comm=K.comm)
+    B = csr_array(
+        (operator.data, dofs[operator.indices], operator.indptr),
+        shape=(operator.shape[0], total),
+    )
+    coordinates = given.coordinates
+    if coordinates is not None:
+        at = interface.gather_own(coordinates[interface.rows])
+        at = np.asarray(springs.place_coordinates(at))
+        coordinates = np.concatenate([coordinates, at[size:] if last else at[:0]])
+    changed = given._replace(
+        contacts=replace(given.contacts, operator=csr("B", B)), coordinates=coordinates
+    )
+    return matrix, changed, library, Copies(springs, K, interface, all_places)
 
 
 def _read_blocks(rows: own_rows.OwnRows, interface: Interface, d: int) -> Floats:

@@ -359,13 +359,15 @@ class ContactProblem:
     def _read_loads(self, load: Vectors | None) -> list[PetscVec]:
         """The load of each step."""
         if load is None:
-            return [self._engine.operator.make_zeros()]
+            zeros = self._engine.stiffness.createVecLeft()
+            zeros.set(0.0)
+            return [zeros]
         return self._read_vectors("load", load)
 
     def _read_vectors(self, what: str, vectors: Vectors) -> list[PetscVec]:
         """The Vec of each step, with its layout and its numbers checked."""
-        operator = self._engine.operator
-        Vec, rows = operator.PETSc.Vec, operator.K.getLocalSize()[0]
+        Vec = self._engine.operator.PETSc.Vec
+        rows = self._engine.stiffness.getLocalSize()[0]
         of_steps: list[PetscVec] = (
             [vectors] if isinstance(vectors, Vec) else list(vectors)  # type: ignore[arg-type]
         )

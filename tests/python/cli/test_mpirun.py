@@ -107,6 +107,40 @@ ROLLING = MOVING.replace(
     "plane = { point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }",
     "sphere = { centre = [2.0, 1.5, -5000.0], radius = 5000.0 }",
 )
+# A hub on a shaft that overlaps it, both bodies of revolution.
+SHRUNK = """
+[material.steel]
+young = 210000.0
+poisson = 0.3
+[body.shaft]
+material = "steel"
+plane = "axisymmetric"
+cell = "quadrilateral"
+x = { from = 0.0, to = 2.0, cells = 4 }
+y = { from = -1.0, to = 4.0, cells = 10 }
+[body.hub]
+material = "steel"
+plane = "axisymmetric"
+cell = "quadrilateral"
+x = { from = 2.0, to = 4.0, cells = 5 }
+y = { from = 0.0, to = 3.0, cells = 7 }
+[[contact]]
+on = "hub.left"
+against = "shaft.right"
+pairing = "mortar"
+mu = 0.15
+clearance = -0.002
+[[support]]
+on = "shaft.bottom"
+y = 0.0
+[[traction]]
+on = "hub.top"
+y = { value = 12.0, amplitude = "pull" }
+[path]
+parameter = "pull"
+[path.amplitude]
+pull = [0.0, 1.0]
+"""
 SCENES = {
     "block": BOX.format(cell="hexahedron", order=1) + SHEARED + ON_A_PLANE,
     "tetrahedra": BOX.format(cell="tetrahedron", order=1) + SHEARED + ON_A_PLANE,
@@ -119,6 +153,14 @@ SCENES = {
     + '[[pressure]]\non = "block.top"\nvalue = 20.0\n'
     + '[[body_force]]\non = "block"\nz = -1.0\n'
     + '[[strain]]\non = "block"\nexpansion = 1e-5\ntemperature = 10.0\n',
+    "axisymmetric": SHRUNK,
+    # Nodes of an edge have two contacts.
+    "shared nodes": BOX.format(cell="hexahedron", order=1)
+    + SHEARED
+    + ON_A_PLANE
+    + ON_A_PLANE.replace("bottom", "left").replace(
+        "[0.0, 0.0, 1.0]", "[1.0, 0.0, 0.0]"
+    ),
     "adaptive": BOX.format(cell="hexahedron", order=1)
     + SHEARED.replace(
         'parameter = "shear"', 'parameter = "shear"\nautomatic = {slip=4e-4}'
@@ -143,11 +185,19 @@ def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> No
         bp.load(tmp_path / "here" / RESULT),
     )
     assert np.array_equal(several.status, single.status)
-    for array in ("reaction", "relative_displacement", "displacement"):
+    arrays = ["displacement", "relative_displacement", "reaction"]
+    if (
+        name == "shared nodes"
+    ):  # two contacts of a node that stick share its force anyhow
+        arrays.remove("reaction")
+    for array in arrays:
         assert changed(getattr(several, array), getattr(single, array)) <= CLOSE, array
     assert several.success
     for key, value in single.contacts.items():
-        np.testing.assert_array_equal(several.contacts[key], value)
+        if value is None or value.dtype.kind != "f":
+            np.testing.assert_array_equal(several.contacts[key], value)
+        else:  # the two Pythons have versions of NumPy that sum in another order
+            np.testing.assert_allclose(several.contacts[key], value, rtol=1e-14, atol=0)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,12 @@ from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
 from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
-from bipot_rs.contact.path.springs import Springs, turn_tangents
+from bipot_rs.contact.path.springs import (
+    Springs,
+    find_bodies,
+    number_by_nodes,
+    turn_tangents,
+)
 from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.error_bound import ErrorBound, make_unavailable
 from bipot_rs.contact.results.solution import Recovery, Solution, Step
@@ -191,8 +196,12 @@ def make_iterative(
         if not error.contacts:
             raise
         parts = given.parts if isinstance(given, MeshStiffness) else given
+        d = contacts.d
+        place = number_by_nodes(len(springs.place), d, coordinates)
+        body = find_bodies(parts, d, place)
+        diagonal = _core.diagonal(parts, num_threads)
         copied, changed = springs.with_copies(
-            parts, matrix, error.contacts, fixed, coordinates
+            place, body, diagonal, matrix, error.contacts, fixed
         )
         if not copied.contacts.size:
             raise

@@ -90,29 +90,37 @@ class Springs:
 
     def with_copies(
         self,
-        parts: Parts,
+        place: Ints,
+        body: Ints,
+        stiffness: Floats,
         operator: CsrMatrix,
         contacts: Sequence[int],
         fixed: Ints,
-        coordinates: Floats | None,
     ) -> tuple[Springs, CsrMatrix]:
         """The springs with those of copies at some contacts, and the rows of B with the copies.
 
         Contacts whose sides do not move like a point get no copy.
+
+        Parameters
+        ----------
+        place
+            Place ``d node + component`` of each degree of freedom.
+        body
+            The body of each node.
+        stiffness
+            Diagonal of K.
         """
         from scipy.sparse import csr_array, vstack
 
         n, d = len(self.place), self.blocks.shape[1]
-        place = _number_by_nodes(n, d, coordinates)
-        body = _find_bodies(parts, d, place)
         diagonal, free = np.empty(n), np.ones(n, bool)
-        diagonal[place], free[place[fixed]] = _core.diagonal(parts, None), False
+        diagonal[place], free[place[fixed]] = stiffness, False
         compliance = np.where(free, 1.0 / np.where(diagonal > 0, diagonal, np.inf), 0.0)
         soft = compliance.reshape(-1, d)
         B = csr_array(operator, copy=True)
         B.eliminate_zeros()
         made: list[int] = []
-        blocks, entries, of_contacts, keys, stiffness = [], [], [], [], []
+        blocks, entries, of_contacts, keys, added = [], [], [], [], []
         for i in contacts:
             side = _choose_side(B, i, d, place, body, soft)
             if side is None:
@@ -126,7 +134,7 @@ class Springs:
             of_contacts += [
                 (d * i + k, first + m, float(S[k, m])) for k, m in np.ndindex(d, d)
             ]
-            stiffness += list(tuning.COPY_SPRING / w)
+            added += list(tuning.COPY_SPRING / w)
             made.append(i)
             blocks.append(S)
         size = n + d * len(made)
@@ -139,7 +147,7 @@ class Springs:
         springs = Springs(
             place,
             rows,
-            np.concatenate([self.stiffness, stiffness]),
+            np.concatenate([self.stiffness, added]),
             np.array(made, np.int64),
             np.array(blocks).reshape(-1, d, d),
         )
@@ -201,6 +209,9 @@ class Springs:
         reaction: Floats | None,
         displacement: Floats | None,
         tol: float,
+        agreed: Callable[[tuple[Floats, float]], tuple[Floats, float]] = lambda mine: (
+            mine
+        ),
     ) -> tuple[Step, str]:
         """Iterate until the springs change nothing, relative to ``tol``.
 
@@ -214,6 +225,8 @@ class Springs:
             ``(n,)``.
         reaction, displacement
             Those of the step before, to start from.
+        agreed
+            The numbers of the first of several processes, which round alike only nearly.
         """
         copies = self.blocks.shape[1] * len(self.contacts)
         loose = slice(len(self.stiffness) - copies)
@@ -250,6 +263,7 @@ class Springs:
             left = max(float(np.linalg.norm(v[copied])) for v in (change, ahead))
             if left:
                 left /= float(np.linalg.norm(solved.reaction)) or left
+            ahead, left = agreed((ahead, left))
             if copies:
                 # Without secants a change tells what is left only if it is small.
                 limit = max(tol, solved.tolerance)
@@ -319,7 +333,7 @@ def turn_tangents(
     return rotation, B
 
 
-def _number_by_nodes(n: int, d: int, coordinates: Floats | None) -> Ints:
+def number_by_nodes(n: int, d: int, coordinates: Floats | None) -> Ints:
     """Places ``d node + component``; those given may be numbered by components."""
     dof = np.arange(n)
     if coordinates is None:
@@ -341,7 +355,7 @@ def _assemble(
     return made
 
 
-def _find_bodies(parts: Parts, d: int, place: Ints) -> Ints:
+def find_bodies(parts: Parts, d: int, place: Ints) -> Ints:
     """The body of each node: nodes that K joins."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components

@@ -1,0 +1,32 @@
+"""Contacts that share nodes, or that supports hold obliquely: the answers of the direct engine."""
+
+from pathlib import Path
+
+import pytest
+
+import bipot_rs as bp
+from support import mpi
+from support.random_joints import random_joint
+
+
+@pytest.mark.parametrize(
+    ("kind", "dim", "seed"),
+    [
+        ("groove", 2, 2),
+        ("oblique", 2, 0),
+        pytest.param("groove", 3, 2, marks=pytest.mark.slow),
+        ("oblique", 3, 0),
+        pytest.param("symmetry", 3, 0, marks=pytest.mark.slow),
+    ],
+)
+def test_random_joints(kind: str, dim: int, seed: int, tmp_path: Path) -> None:
+    problem, load = random_joint(kind, dim, seed)
+    known = {k: v for k, v in problem.items() if k not in ("frame", "points")}
+    expected = bp.ContactProblem(**known, engine="direct").solve(load, tol=mpi.TOL)
+    given = {"load": load, "d": dim, "tol": mpi.TOL}
+    for ranks in (1, 2):
+        found = mpi.run(tmp_path, "solve", ranks, **known, **given)
+        # Contrasts up to 1e6 cost the direct engine four digits.
+        assert mpi.changed(found["displacement"], expected.displacement) <= 1e-8
+        assert (found["status"] == expected.status).all()
+        assert found["residual"].max() <= 10 * mpi.TOL
