@@ -705,9 +705,13 @@ class ContactPath:
         tol: float,
         max_iterations: int | None,
         max_seconds: float | None,
+        near: bool = False,
+        draft: bool = False,
     ) -> tuple[NewtonStep, _V]:
         """One step, as `Path.step`, and the unknowns at its end.
 
+        ``near`` says that the start has about the statuses of the solution, ``draft`` leaves out
+        the estimate of its errors.
         `engine` is described in `src/primal/engine.rs`; `bipot_rs.petsc` has one.
         """
 

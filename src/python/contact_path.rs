@@ -162,6 +162,9 @@ struct Objects<'a, 'py> {
     engine: &'a Bound<'py, PyAny>,
     start: Bound<'py, PyAny>,
     force: &'a Bound<'py, PyAny>,
+    /// Of [`Start`].
+    near: bool,
+    draft: bool,
 }
 
 /// A step, and the unknowns at its end.
@@ -205,8 +208,8 @@ where
         let start = Start {
             state: self.state.as_ref(),
             y: objects.start,
-            near: false,
-            draft: false,
+            near: objects.near,
+            draft: objects.draft,
         };
         let force = (objects.force, prescribed);
         let made = advance(&mut engine, contacts, start, force, settings)?;
@@ -238,7 +241,7 @@ impl PyContactPath {
         Ok(Self { progress })
     }
 
-    #[pyo3(signature = (engine, start, force, prescribed, gap, method, tol, max_iterations, max_seconds))]
+    #[pyo3(signature = (engine, start, force, prescribed, gap, method, tol, max_iterations, max_seconds, near=false, draft=false))]
     fn step<'py>(
         &mut self,
         engine: Bound<'py, PyAny>,
@@ -250,12 +253,16 @@ impl PyContactPath {
         tol: f64,
         max_iterations: Option<usize>,
         max_seconds: Option<f64>,
+        near: bool,
+        draft: bool,
     ) -> PyResult<Solved<'py>> {
         let settings = settings(method, tol, max_iterations, max_seconds)?;
         let objects = Objects {
             engine: &engine,
             start,
             force: &force,
+            near,
+            draft,
         };
         let asked = (prescribed.as_slice()?, gap.as_ref());
         for_either!(&mut self.progress, path => path.step(objects, asked, &settings))

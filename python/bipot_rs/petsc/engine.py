@@ -298,6 +298,8 @@ class PetscPath:
         prescribed: Floats,
         gap: Floats | None,
         settings: Settings,
+        near: bool = False,
+        draft: bool = False,
     ) -> Step:
         """One step of the core, which starts from the displacements ``u``."""
         engine = self.engine
@@ -305,9 +307,8 @@ class PetscPath:
         engine.solver.begin()
         y = operator.make_zeros() if u is None else operator.to_unknowns(u)
         force = engine.make_force(load, prescribed)
-        core, y = self._core.step(
-            self._operations, y, force, prescribed, gap, *settings
-        )
+        asked = force, prescribed, gap, *settings
+        core, y = self._core.step(self._operations, y, *asked, near, draft)
         engine.record.newton += core.newton
         engine.record.krylov += core.krylov
         engine.record.reason = core.reason or ""
@@ -331,12 +332,12 @@ class PetscPath:
             u = copies.extended(operator, u)
             places.write(spread, u)
 
-        def step(added: Floats, *_how: bool) -> tuple[WholeStep, str]:
+        def step(added: Floats, *how: bool) -> tuple[WholeStep, str]:
             nonlocal u
             force = copies.extended(operator, load)
             force.array[places.rows] += added[places.own]
             self._core = self.engine.from_step(self._last)
-            solved = self._solve(force, u, prescribed, gap, settings)
+            solved = self._solve(force, u, prescribed, gap, settings, *how)
             u = solved.displacement
             computed = replace(solved.computed, displacement=places.gather(u))
             return replace(solved, computed=computed), record.reason

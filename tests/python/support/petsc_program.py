@@ -126,6 +126,13 @@ def unfactored(given: Given) -> Given:
     return solve(given)
 
 
+def refused_derivatives(given: Given) -> Given:
+    """What a result says that has no derivatives."""
+    made = problem(given)
+    result = made.solve(loads(given, made.K))
+    return {"message": _failure(lambda: result.jvp(load=loads(given, made.K)))}
+
+
 def derivatives(given: Given) -> Given:
     """A tangent and a gradient of a load path."""
     made = problem(given)
