@@ -127,10 +127,7 @@ def with_reason(
     error: NotIterativeError, reason: str, engine: str = "iterative"
 ) -> NotIterativeError:
     """A copy of an error of an engine, with its fields and another reason."""
-    other = "direct" if engine == "iterative" else "iterative"
-    text = (
-        f"engine {engine!r} cannot solve this problem: {reason}. Use engine={other!r}"
-    )
+    text = f"engine {engine!r} cannot solve this problem: {reason}. Use engine='direct'"
     made = with_message(error, text)
     made.reason = reason
     return made

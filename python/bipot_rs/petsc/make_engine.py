@@ -98,7 +98,10 @@ def make_engine(
     free_contact: CsrMatrix = contact.copy()
     free_contact.data[position[free_contact.indices] < len(given.fixed)] = 0.0
     by_contact = free_contact, at_places, body_of_place
-    loose = check_holding(comm, rows, local, bodies, bring, d, holding, by_contact)
+    try:
+        loose = check_holding(comm, rows, local, bodies, bring, d, holding, by_contact)
+    except NotIterativeError as error:
+        raise with_reason(error, str(error), "petsc") from None
     blocks = interface.gather_own(_read_blocks(rows, interface, d))
     del rows, local
 

@@ -450,6 +450,13 @@ def test_frames_of_steps_are_refused(tmp_path: Path) -> None:
     )
 
 
+def test_ties_are_refused_by_their_key(tmp_path: Path) -> None:
+    tied = '[remote.plate]\non = "block.right"\nforce = { x = 1.0 }\n'
+    file = scene(tmp_path, SCENES["block"] + tied)
+    done = bipot(2, "run", file, *PETSC, cwd=tmp_path)
+    soon(done, 2, "does not support remote.plate: use engine='direct' or 'iterative'")
+
+
 MESH = """
 import pathlib, bipot_rs.mesh.readers as it
 read = it.read_mesh

@@ -163,7 +163,7 @@ class Job(SharedRunner):
         elif not scene.path.increments:
             self.count = scene.path.count()
         if self.shared:
-            self._check_petsc(method, tol)
+            self._check_petsc(scene, method, tol)
         elif read_launcher()[1] > 1 and not self.as_json:
             complain(
                 f"this is one of {read_launcher()[1]} processes, and each solves the whole "
@@ -191,11 +191,15 @@ class Job(SharedRunner):
                 "continue in Python with ContactProblem.wear(start=)"
             )
 
-    def _check_petsc(self, method: str, tol: float | str) -> None:
+    def _check_petsc(self, scene: Scene, method: str, tol: float | str) -> None:
         """Refuse what engine petsc does not have, as the iterative engine does."""
         from bipot_rs.contact.path.choice import check_method
 
         check_method(method, "petsc")
+        if (tied := scene.tied()) is not None:
+            raise ValueError(
+                f"engine='petsc' does not support {tied}: use engine='direct' or 'iterative'"
+            )
         if self.request.fclib:
             raise ValueError(
                 "--fclib writes the compliance W, which engine='petsc' does not form: use "
