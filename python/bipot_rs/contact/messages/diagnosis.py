@@ -222,8 +222,14 @@ def _describe_worst(tried: FailedSolve, r: Floats, v: Floats, scale: Floats) -> 
         return ""
     slip = float(np.linalg.norm(v[i, 1:]))
     pulls = max(-r[i, 0], 0) * scale[i] > max(-v[i, 0], 0)
+    less = 0.0 if tried.law.dilatancy is None else tried.law.dilatancy[i] * slip
+    deep = (
+        f"which opens by {v[i, 0]:.2g}, less than its dilatancy times its slip, {less:.2g}"
+        if v[i, 0] >= 0
+        else f"which penetrates by {-v[i, 0]:.2g}"
+    )
     kinds = (
-        "which pulls" if pulls else f"which penetrates by {-v[i, 0]:.2g}",
+        "which pulls" if pulls else deep,
         f"which has a normal force {r[i, 0]:.2g} and is open by {v[i, 0]:.2g}",
         "whose friction is above its limit",
         f"which slips by {slip:.2g}, but friction does not oppose this at its limit",

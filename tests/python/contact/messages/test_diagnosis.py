@@ -355,6 +355,18 @@ def test_contacts_that_contradict_each_other_are_named() -> None:
     assert message.endswith("contact 1 penetrates by 0.25")
 
 
+def test_a_dilatant_contact_that_opens_too_little_does_not_penetrate() -> None:
+    problem = bp.ReducedProblem(np.eye(2), [[0.1, -2.0]], 0.5, dilatancy=0.5)
+    solution = problem.solve("uzawa", max_iterations=1)
+    opening, slip = solution.relative_displacement[0]
+    assert opening > 0
+    least = f"{0.5 * abs(slip):.2g}"
+    assert (
+        f"which opens by {opening:.2g}, less than its dilatancy times its slip, {least}"
+        in solution.message
+    )
+
+
 def test_the_contact_with_the_largest_violation_has_coordinates() -> None:
     K = np.diag([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]) + 0.01
     points = np.array([[0.0, 0.0], [1.0, 2.5], [-3.0, 1e-3]])
