@@ -26,8 +26,8 @@ pub struct FlexibleSolution {
     pub x: Vec<f64>,
     /// Products with preconditioned directions.
     pub products: usize,
-    /// `‖b − A x‖ / ‖b‖` from the recurrence since the last restart, which began with the true
-    /// residual.
+    /// `‖b − A x‖ / ‖b‖`: from the recurrence since the last restart, which began with the true
+    /// residual, as far as the basis resolves it.
     pub residual: f64,
     /// Whether `residual` is at most the tolerance.
     pub reached: bool,
@@ -40,6 +40,8 @@ type Direction = Vec<f32>;
 /// Part of the residual that a space leaves at the least: its basis in single precision is
 /// orthogonal to some 1e-7.
 const SPACE: f64 = 1e-5;
+/// Below this part of the residual that a space starts with, the recurrence is rounding.
+const ROUNDING: f64 = 1e-6;
 
 /// Minimises `‖b − A x‖` over growing spaces of preconditioned directions [Saad 1993]. A small
 /// tolerance takes several spaces, each with its equal part: the residual that a space starts with
@@ -84,7 +86,7 @@ pub fn solve(
         }
         let progress = space.triangle.residual() < start;
         space.add_minimiser(&mut found.x);
-        found.reached = found.residual <= limits.tol;
+        found.reached = found.residual <= limits.tol && found.residual * size >= ROUNDING * start;
         if !progress {
             break; // a singular matrix, or rounding
         }

@@ -12,6 +12,7 @@ use std::sync::atomic::AtomicBool;
 use crate::common::{GO, bits, with_threads};
 use bipot_rs::error::Error;
 use bipot_rs::linalg::compensated::{Sum, dot};
+use bipot_rs::linalg::flexible_gmres::{self, Limits};
 use bipot_rs::linalg::gmres::{self, GmresSolution};
 use bipot_rs::linalg::jacobi::{combine, orthogonalise};
 use bipot_rs::linalg::lu::Lu;
@@ -238,6 +239,36 @@ fn gmres_is_done_when_its_space_holds_the_solution() {
     let found = krylov(&shift, &ones, &unit, 1e-13, 100);
     assert_eq!(found.products, n);
     assert!(apart(&times(&shift, &found.x), &unit) <= 1e-13);
+}
+
+#[test]
+fn flexible_gmres_believes_no_residual_below_its_basis() {
+    let mut rng = StdRng::seed_from_u64(9);
+    let limits = Limits {
+        tol: 1e-13,
+        restart: 40,
+        most: 100,
+    };
+    for n in [2, 3, 4] {
+        // The space of n directions is whole: the recurrence says zero, and the basis in single
+        // precision leaves some 1e-8.
+        let mut a = vector(n * n, &mut rng);
+        (0..n).for_each(|i| a[i * n + i] += 3.0);
+        let b = vector(n, &mut rng);
+        let found = flexible_gmres::solve(
+            |x, y| y.copy_from_slice(&times(&a, x)),
+            |r, z| z.copy_from_slice(r),
+            &b,
+            limits,
+            &GO,
+        )
+        .unwrap();
+        let residual = apart(&times(&a, &found.x), &b);
+        assert!(
+            found.reached && residual <= 1e-13 * norm(&b),
+            "{residual:e}"
+        );
+    }
 }
 
 #[test]
