@@ -126,6 +126,11 @@ fn split<const D: usize>(n: usize, by_node: bool) -> impl Fn(usize) -> (usize, u
 }
 
 impl InspectedRows {
+    /// Rows that have been looked at.
+    pub fn count(&self) -> usize {
+        self.rows.len()
+    }
+
     /// Looks at the next rows; `places` are the coordinates of all degrees of freedom.
     ///
     /// # Panics

@@ -4,6 +4,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::assembly::inspection::{InspectedRows, Rows};
+use crate::error::Error;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::nodes::Nodes;
 use crate::primal::stiffness_rows::StiffnessRows;
@@ -41,14 +42,18 @@ impl PyStiffnessRows {
 
     /// Adds the next rows, all of some nodes. `places` are coordinates as of `bodies`.
     fn append(&mut self, py: Python<'_>, part: Csr<'_>, places: Matrix<'_>) -> PyResult<()> {
-        let (places, known) = (arrays::rows::<3>(&places)?, self.rows.as_ref());
-        let (first, n) = (known.map_or(0, StiffnessRows::known), self.n);
+        let places = arrays::rows::<3>(&places)?;
+        let (first, n) = (self.inspected.count(), self.n);
         let (own, inspected) = (&mut self.rows, &mut self.inspected);
         of_rows!(&part, true, k => interrupt::run(py, self.num_threads, |_| {
             arrays::length("coordinates", places.len(), n)?;
-            check_rows(&k, k.pointer.len().saturating_sub(1), n)?;
+            let count = k.pointer.len().saturating_sub(1);
+            check_rows(&k, count, n)?;
+            if first + count > n {
+                return Err(Error::SparseStructure { what: "K", row: n });
+            }
             inspected.add(k, places);
-            let end = (first + k.pointer.len() - 1) / 3;
+            let end = (first + count) / 3;
             if let Some(own) = own {
                 own.append(end, |dof| k.row(dof - first));
             }
@@ -58,7 +63,16 @@ impl PyStiffnessRows {
 
     /// As `bodies`, of all rows, once.
     fn bodies<'py>(&mut self, py: Python<'py>, places: Matrix<'py>) -> PyResult<BodiesOutput<'py>> {
+        let places = arrays::rows::<3>(&places)?;
+        arrays::length("coordinates", places.len(), self.n)?;
         let inspected = std::mem::take(&mut self.inspected);
-        bodies_output(py, inspected.bodies(arrays::rows::<3>(&places)?, true))
+        if inspected.count() != self.n {
+            return Err(Error::SparseStructure {
+                what: "K",
+                row: inspected.count(),
+            }
+            .into());
+        }
+        bodies_output(py, inspected.bodies(places, true))
     }
 }

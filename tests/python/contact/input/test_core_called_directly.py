@@ -26,6 +26,7 @@ pytestmark = pytest.mark.needs_extra
 Call = Callable[..., Any]
 
 EYE = (np.arange(5), np.arange(4), np.ones(4))
+CUBE = (np.arange(7), np.arange(6), np.ones(6))
 GAP, MU = np.full((2, 2), -0.1), np.full(2, 0.3)
 LAW = ContactLaw(MU)
 LOAD, NONE = np.array([-1.0, 0.1, -1.0, 0.1]), np.zeros(0)
@@ -164,6 +165,13 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     limits = ["auto", 1e-10, 50, 1.0]
     none, places = np.zeros(0, np.int64), np.repeat(np.eye(3)[:2], 2, axis=0)
     primal = _core.Primal(EYE, EYE, GAP, LAW, none, 2, places)
+    space = np.repeat(np.eye(3)[:2], 3, axis=0)
+
+    def all_rows() -> _core.StiffnessRows:
+        rows = _core.StiffnessRows(space, none)
+        rows.append(CUBE, space)
+        return rows
+
     iterated, unknowns = _core.PrimalTangent(primal), np.ones(4)
     right = np.ones(ROWS.size // 2 + 4)
     # Two free nodes of one body that is held.
@@ -366,6 +374,16 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "PrimalTangent, transposed": (
             iterated.solve,
             [CLOSED, STICKS, ROWS, right, True],
+        ),
+        "StiffnessRows": (_core.StiffnessRows, [space, np.array([0])]),
+        "StiffnessRows, append": (
+            lambda *a: _core.StiffnessRows(space, none).append(*a),
+            [CUBE, space],
+        ),
+        "StiffnessRows, bodies": (lambda at: all_rows().bodies(at), [space]),
+        "Primal.of_rows": (
+            lambda *a: _core.Primal.of_rows(all_rows(), *a),
+            [CUBE, np.full((2, 3), -0.1), LAW],
         ),
         "bodies": (_core.bodies, [EYE, np.eye(4)[:, :2].copy(), True]),
         "diagonal": (_core.diagonal, [EYE]),
