@@ -37,27 +37,35 @@ pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
 
 /// Whether amounts of normal displacements prove that contacts contradict each other, as
 /// walls that overlap do.
+///
+/// `Wᵀ λ` must vanish because its terms cancel. Where they are only small beside a compliance
+/// along the surface, the reactions are finite: `r_N = −q_N / W_NN` of a body on soft springs.
 pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -> bool {
     let scaling = &problem.scaling;
     let normal = |&n: &f64| std::array::from_fn(|k| if k == 0 { n } else { 0.0 });
     let normal: Vec<[f64; D]> = amounts.iter().map(normal).collect();
     let mut moved = vec![[0.0; D]; amounts.len()];
+    let mut terms = moved.clone();
     problem.compliance.transposed_product(&normal, &mut moved);
+    problem.compliance.absolute_product(&normal, &mut terms);
+    let (mut bent, mut whole) = (0.0_f64, 0.0_f64);
     let sums = scaling.modes.work(&normal, &scaling.to_r);
     let (mut lack, mut work, mut size) = (scaling.force_norm(&sums), 0.0, 0.0_f64);
     for (i, amount) in amounts.iter().enumerate() {
         // A contact without friction has no tangential reaction.
         let components = if problem.law[i].has_friction() { D } else { 1 };
-        lack = moved[i][..components]
-            .iter()
-            .fold(lack, |sum, w| sum.hypot(w * scaling.to_v[i]));
+        for (w, term) in moved[i][..components].iter().zip(terms[i]) {
+            bent = bent.hypot(w * scaling.to_v[i]);
+            whole = whole.hypot(term * scaling.to_v[i]);
+        }
         let free = problem.q[i][0] * scaling.to_v[i];
         work -= amount * scaling.to_r[i] * free;
         if *amount > 0.0 {
             size = size.hypot(free);
         }
     }
-    let nonnegative = amounts.iter().all(|&amount| amount >= 0.0);
+    lack = lack.hypot(bent);
+    let nonnegative = amounts.iter().all(|&amount| amount >= 0.0) && bent <= WORST_FLOOR * whole;
     let least = LEAST_WORK * size * scaling.reaction_norm(&normal);
     nonnegative && work > least && excludes(work, lack, size)
 }

@@ -429,3 +429,14 @@ def test_a_rounding_error_of_a_normal_balances_no_load(turns: int) -> None:
         assert existence.verdict != "guaranteed"
         with pytest.raises((bp.NoEquilibriumError, bp.NotConvergedError)):
             problem.solve(load)
+
+
+@pytest.mark.parametrize("stiff", [1e-10, 1e-12, 1e-14])
+def test_soft_springs_along_the_surface_contradict_nothing(stiff: float) -> None:
+    """r = (1, 0) solves it exactly, whatever holds the point along the surface."""
+    problem = bp.ReducedProblem(np.diag([1.0, 2.0 / stiff]), [[-1.0, 0.0]], 0.3)
+    solution = problem.solve()
+    assert solution.outcome != bp.Outcome.NO_EQUILIBRIUM
+    if solution.converged:
+        assert abs(solution.reaction - [[1.0, 0.0]]).max() <= 1e-9
+    assert problem.existence().verdict == "guaranteed"
