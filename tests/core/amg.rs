@@ -24,7 +24,8 @@ const TOL: f64 = 1e-12;
 fn blocks(body: &Assembled) -> SymmetricBlocks {
     let place: Vec<u32> = (0..u32::try_from(body.n()).unwrap()).collect();
     let mut rows = UpperBlocks::new(place, body.nodes(), body.dim);
-    rows.append(body.nodes(), |dof| body.view().column(dof));
+    let k = body.view();
+    rows.append(body.nodes(), |dof| k.column(dof));
     SymmetricBlocks::new(rows, 1.0)
 }
 
