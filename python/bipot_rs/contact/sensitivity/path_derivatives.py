@@ -30,6 +30,17 @@ if TYPE_CHECKING:
     from bipot_rs.contact.results.result import Result
 
 
+def _solve_together(path: LinearPath, solve: Callable[[int, int], Floats]) -> Floats:
+    """What ``solve(first, end)`` gives for all steps, of which some share each pass of a factor."""
+    size = tuning.DISPLACEMENTS_TOGETHER
+    blocks = [
+        solve(k, min(k + size, end))
+        for first, end in path.spans
+        for k in range(first, end, size)
+    ]
+    return np.concatenate(blocks)
+
+
 class Forward:
     """Derivatives of all steps in one direction."""
 
@@ -125,13 +136,7 @@ class Forward:
 
     def displacement(self) -> Floats:
         """Derivatives of the displacements, ``(steps, n)``."""
-        size = tuning.DISPLACEMENTS_TOGETHER
-        blocks = [
-            self._recover_displacements(k, min(k + size, end))
-            for first, end in self._path.spans
-            for k in range(first, end, size)
-        ]
-        return np.concatenate(blocks)
+        return _solve_together(self._path, self._recover_displacements)
 
     def tangent(self, displacement: Callable[[], Floats] | None = None) -> Tangent:
         """The derivatives; ``displacement`` replaces the method of this name."""
@@ -243,13 +248,10 @@ class Backward:
 
     def load(self) -> Floats:
         """Adjoint displacements, ``(steps, n)``."""
-        size = tuning.DISPLACEMENTS_TOGETHER
-        blocks = [
-            self._solve_adjoint(k, min(k + size, end))
-            for first, end in self._path.spans
-            for k in range(first, end, size)
-        ]
-        adjoint, held = np.concatenate(blocks), self._path.model.held
+        adjoint, held = (
+            _solve_together(self._path, self._solve_adjoint),
+            self._path.model.held,
+        )
         if held is None or not held.dependent.size:
             return adjoint
         return np.stack([held.displacement(row) for row in adjoint])
