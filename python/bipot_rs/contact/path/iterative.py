@@ -20,7 +20,7 @@ from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
-from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
+from bipot_rs.contact.path.mesh_stiffness import MeshStiffness, whole_parts
 from bipot_rs.contact.path.springs import (
     Springs,
     find_bodies,
@@ -195,7 +195,7 @@ def make_iterative(
     except NotIterativeError as error:
         if not error.contacts:
             raise
-        parts = given.parts if isinstance(given, MeshStiffness) else given
+        parts = whole_parts(given)
         d = contacts.d
         place = number_by_nodes(len(springs.place), d, coordinates)
         body = find_bodies(parts, d, place)

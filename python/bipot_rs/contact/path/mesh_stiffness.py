@@ -50,3 +50,8 @@ class MeshStiffness:
             first += part.shape[0]
         bodies = InspectedBodies(rows.bodies(x), side)
         return cls((first, first), rows, bodies, assemble)
+
+
+def whole_parts(given: Parts | MeshStiffness) -> Parts:
+    """K by rows, assembled if it was read in parts."""
+    return given.parts if isinstance(given, MeshStiffness) else given

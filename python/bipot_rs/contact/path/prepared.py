@@ -41,7 +41,7 @@ from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.direct import Direct
 from bipot_rs.contact.path.engine import REPLACED, Engine, RestoredDigits
 from bipot_rs.contact.path.load_steps import Loads
-from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
+from bipot_rs.contact.path.mesh_stiffness import MeshStiffness, whole_parts
 from bipot_rs.contact.results.solution import Step
 
 if TYPE_CHECKING:
@@ -441,19 +441,18 @@ class PreparedStiffness:
         """Condense, or make the iterative engine and leave the choice to the load path."""
         options = self.options
         iterative = self._make_iterative(given)
-        mesh = given if isinstance(given, MeshStiffness) else None
-        parts = None if isinstance(given, MeshStiffness) else given
+        if isinstance(given, MeshStiffness):
+            parts, assemble = None, given.assemble
+        else:
+            parts, assemble = given, None
+        # The core drops what is between prescribed degrees of freedom.
+        self._kept = parts if options.latched else None
         condensed = None
         if iterative is None:
-            whole = given.parts if isinstance(given, MeshStiffness) else given
-            condensed = self._condense(whole, before, on_forecast)
-            parts = mesh = None
+            condensed = self._condense(whole_parts(given), before, on_forecast)
+            parts = assemble = None
         self._condensed, self._iterative = condensed, iterative
-        self._parts, self._assemble = parts, None if mesh is None else mesh.assemble
-        # The core drops what is between prescribed degrees of freedom.
-        self._kept = None
-        if options.latched and not isinstance(given, MeshStiffness):
-            self._kept = given
+        self._parts, self._assemble = parts, assemble
         self._with_free: dict[tuple[int, ...], PreparedStiffness] = {}
         self._on_forecast = None if iterative is None else on_forecast
         if iterative is None:
