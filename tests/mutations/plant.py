@@ -15,7 +15,8 @@ def faults() -> list[dict[str, str]]:
 def planted(fault: dict[str, str], number: int, text: str) -> str:
     """``text`` with the fault behind its switch.
 
-    Raises `ValueError`: the line is not there exactly once, or the code not once in the line.
+    Raises `ValueError`: the line is not there exactly once, the code not once in the line, or
+    one of the two codes is no whole expression, so that the switch would not compile.
     """
     line, code, wrong = fault["line"], fault["code"], fault["fault"]
     where = f"fault {number}, {fault['file']}"
@@ -25,6 +26,8 @@ def planted(fault: dict[str, str], number: int, text: str) -> str:
         raise ValueError(
             f"{where}: {code!r} stands {line.count(code)} times in the line"
         )
+    if any(not part or part[0] in " +*/=<>" for part in (code, wrong)):
+        raise ValueError(f"{where}: {code!r} or {wrong!r} is no whole expression")
     if fault["file"].endswith(".rs"):
         choice = f"(if crate::planted({number}) {{ {wrong} }} else {{ {code} }})"
     else:
