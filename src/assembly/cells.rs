@@ -13,10 +13,6 @@ pub struct Cells {
 impl Cells {
     /// From the arrays of scikit-fem: `given` has a row for each node of a cell, and a column
     /// for each cell. The mesh has `nodes` nodes.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] if the rows are not equally long; [`Error::IndexRange`] for a node that
-    /// does not exist, or a number of more than 32 bits.
     pub fn new<T: Copy>(given: &[T], corners: usize, nodes: usize) -> Result<Self, Error>
     where
         usize: TryFrom<T>,

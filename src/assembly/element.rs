@@ -22,9 +22,6 @@ pub struct Reference<const D: usize> {
 
 impl<const D: usize> Reference<D> {
     /// From `slopes` in the order (point, b, node), and the thickness, 1 in space.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] if `slopes` has another length.
     pub fn new(
         slopes: &[f64],
         weights: &[f64],
@@ -62,9 +59,6 @@ pub enum Law {
 
 impl Law {
     /// From all entries `C_kalb`, in this order of the indices.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] if there are not `D⁴` of them.
     pub fn general<const D: usize>(tensor: &[f64]) -> Result<Self, Error> {
         if tensor.len() != D.pow(4) {
             return Err(Error::Shape {

@@ -44,9 +44,6 @@ where
 }
 
 /// The diagonal of K, zero where it has no entry. Columns of a row ascend.
-///
-/// # Panics
-/// If the row pointers are not those of the values.
 pub fn diagonal<I>(k: &Rows<'_, I>) -> Vec<f64>
 where
     I: Copy + Sync,
@@ -93,9 +90,6 @@ struct Row {
 }
 
 /// Looks at all rows. `places` are the coordinates of each degree of freedom.
-///
-/// # Panics
-/// If `places` is shorter than K, or an index is not one of K.
 pub fn bodies<I, const D: usize>(k: Rows<'_, I>, places: &[[f64; D]]) -> Bodies<D>
 where
     I: Copy + Sync,
@@ -132,9 +126,6 @@ impl InspectedRows {
     }
 
     /// Looks at the next rows; `places` are the coordinates of all degrees of freedom.
-    ///
-    /// # Panics
-    /// As [`bodies`].
     pub fn add<I, const D: usize>(&mut self, k: Rows<'_, I>, places: &[[f64; D]])
     where
         I: Copy + Sync,
@@ -175,9 +166,6 @@ impl InspectedRows {
     }
 
     /// The bodies of K, of which all rows are known.
-    ///
-    /// # Panics
-    /// If `places` is longer than K.
     pub fn bodies<const D: usize>(self, places: &[[f64; D]], by_node: bool) -> Bodies<D> {
         let (n, split) = (places.len(), split::<D>(places.len(), by_node));
         let number = self.sets.numbers();

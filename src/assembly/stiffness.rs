@@ -37,10 +37,6 @@ pub struct Elastic<'a, const D: usize> {
 impl<const D: usize> Elastic<'_, D> {
     /// The values of K on its pattern: for each node `D` rows, columns as in the pattern with
     /// `D` components each.
-    ///
-    /// # Errors
-    /// [`Error::FoldedCell`] with the first folded or flat cell; [`Error::Shape`];
-    /// [`Error::IndexRange`] for a material that does not exist; [`Error::Interrupted`].
     pub fn values(&self, pattern: &Pattern, stop: &AtomicBool) -> Result<Vec<f64>, Error> {
         self.check()?;
         let (cells, size) = (self.cells, (D * self.cells.corners()).pow(2));
@@ -167,9 +163,6 @@ impl<const D: usize> Elastic<'_, D> {
 
 /// The values of given matrices of cells, summed as in [`Elastic::values`]. `matrices` has for
 /// each cell the blocks in the order (i, j, k, l).
-///
-/// # Errors
-/// [`Error::Shape`]; [`Error::Interrupted`].
 pub fn sum_of_cells<const D: usize>(
     cells: &Cells,
     pattern: &Pattern,

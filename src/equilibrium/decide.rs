@@ -78,9 +78,6 @@ impl Decision {
 }
 
 /// Decides whether `Rᵀ r + e = 0` for some `r` of the cones.
-///
-/// # Errors
-/// [`Error::Shape`], [`Error::Interrupted`].
 pub fn decide(statics: &Statics, load: &[f64], limits: Limits) -> Result<Decision, Error> {
     if load.len() != statics.motions {
         return Err(Error::Shape {

@@ -35,9 +35,6 @@ pub struct LimitLoad {
 }
 
 /// Finds the largest `λ` for which `Rᵀ r + e₀ + λ e₁ = 0` has reactions in the cones.
-///
-/// # Errors
-/// [`Error::Shape`], [`Error::Interrupted`].
 pub fn find_limit(
     statics: &Statics,
     dead: &[f64],

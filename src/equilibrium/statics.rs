@@ -23,9 +23,6 @@ pub struct Statics {
 impl Statics {
     /// Takes `R (rows, motions)`, the number of rows of each contact, the coefficient of each row
     /// and the cohesion of each contact.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] and those of [`Rows::check`]. Numbers of laws are checked before.
     pub fn new(
         rows: Rows,
         motions: usize,

@@ -87,9 +87,6 @@ impl<const D: usize> Judged<D> {
 
 /// The contacts alone, as a problem in the reactions: with `W_ii` and `q = v − W_ii r`, so that
 /// `v` is that of the point.
-///
-/// # Errors
-/// As [`Reduced::new`].
 pub fn contacts_alone<'a, const D: usize>(
     contacts: &'a Contacts<D>,
     r: &[[f64; D]],

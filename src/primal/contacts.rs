@@ -23,9 +23,6 @@ pub struct Contacts<const D: usize> {
 
 impl<const D: usize> Contacts<D> {
     /// `block` is the diagonal block of `K` of a node.
-    ///
-    /// # Errors
-    /// As [`Compliance::new`].
     pub fn new(
         frames: Frames<D>,
         gap: Vec<[f64; D]>,
@@ -47,9 +44,6 @@ impl<const D: usize> Contacts<D> {
     }
 
     /// The same contacts with other gaps.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`].
     pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Result<Self, Error> {
         check_length("gap", gap.len(), self.count())?;
         check_finite("gap", gap.as_flattened())?;

@@ -45,9 +45,6 @@ pub trait Engine<const D: usize> {
     fn floating(&self) -> Vec<Vec<usize>>;
 
     /// Whether a motion may be too soft for the preconditioner.
-    ///
-    /// # Errors
-    /// Those of the engine, as for all methods.
     fn may_be_soft(&mut self) -> Result<bool, Self::Error>;
 
     /// Whether supports, springs and contacts with these statuses hold every rigid motion, as far

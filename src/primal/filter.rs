@@ -27,9 +27,6 @@ pub(super) struct Filter<const D: usize> {
 impl<const D: usize> Filter<D> {
     /// Factors the part of `rows` that is not held, with springs at some nodes.
     /// `coordinates` are `D` for each node.
-    ///
-    /// # Errors
-    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::Interrupted`].
     pub(super) fn new(
         rows: &ChangedRows,
         springs: impl Iterator<Item = (usize, Block<D>)>,

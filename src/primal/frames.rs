@@ -30,9 +30,6 @@ pub struct Frames<const D: usize> {
 impl<const D: usize> Frames<D> {
     /// Finds the node of each contact. `contact` are the rows of `B`; `place` and `position` are
     /// the place of each degree of freedom, and its number among the prescribed ones.
-    ///
-    /// # Errors
-    /// [`Error::NoOwnNode`].
     pub fn new(
         contact: &OwnedMatrix,
         elliptic: Option<&EllipticScaling>,

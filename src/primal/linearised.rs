@@ -46,9 +46,6 @@ impl<'p, const D: usize> LinearisedStep<'p, D> {
 
     /// Solves the system for `s` of each law and `g`, which the solution replaces: `dr` of each
     /// law, and `dy`. Whether the linear solver converged.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`]; errors of the preconditioner.
     pub fn solve(
         &mut self,
         s: &mut [[f64; D]],
@@ -76,9 +73,6 @@ impl<'p, const D: usize> LinearisedStep<'p, D> {
 
     /// Solves the transposed system for `ρ` of each law and `e`, which the solution replaces:
     /// `w` of each law, and `b`. Whether the linear solver converged.
-    ///
-    /// # Errors
-    /// As [`LinearisedStep::solve`].
     pub fn solve_transposed(
         &mut self,
         rho: &mut [[f64; D]],

@@ -54,9 +54,6 @@ impl<V, const D: usize> Made<V, D> {
 }
 
 /// Makes a step to the total loads: `force` are those of the free unknowns.
-///
-/// # Errors
-/// [`Error::ContradictoryContact`]; those of the engine.
 pub fn advance<const D: usize, E: Engine<D>>(
     engine: &mut E,
     contacts: &Contacts<D>,

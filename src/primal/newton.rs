@@ -138,9 +138,6 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     }
 
     /// Makes Newton steps until the certificate holds, or none of them helps.
-    ///
-    /// # Errors
-    /// Those of the engine; errors of [`Reduced::new`].
     pub fn run(
         mut self,
         begin: Begin<'_, E::Vector, D>,

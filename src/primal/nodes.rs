@@ -18,9 +18,6 @@ impl Nodes {
     /// Groups `n` degrees of freedom into nodes of `D` components. They are numbered by nodes,
     /// `D node + component`, or, if `places` or the rows of `contact` show it, by components,
     /// `n / D component + node`.
-    ///
-    /// # Errors
-    /// [`Error::NotIterative`] for another numbering.
     pub fn new<const D: usize>(
         n: usize,
         places: Option<&[[f64; 3]]>,

@@ -68,9 +68,6 @@ impl<const D: usize> fmt::Debug for AboutNodes<'_, D> {
 }
 
 /// Chooses the node of each contact, and gives the contacts with a node in the order of choice.
-///
-/// # Errors
-/// [`Error::NoOwnNode`].
 pub(super) fn choose<const D: usize>(
     contacts: &[Columns<D>],
     nodes: &AboutNodes<'_, D>,

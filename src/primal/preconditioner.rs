@@ -88,9 +88,6 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
     }
 
     /// Makes it for the symmetric part of `tangent`, unless it was made for these statuses.
-    ///
-    /// # Errors
-    /// [`Error::Multigrid`], [`Error::Interrupted`]; errors of [`Filter::new`].
     pub(super) fn prepare(
         &mut self,
         tangent: &Tangent<D>,

@@ -126,10 +126,6 @@ pub struct Primal<const D: usize> {
 
 impl<const D: usize> Primal<D> {
     /// Checks the arrays and copies `K` into blocks; `has_copies` is that of the check of supports.
-    ///
-    /// # Errors
-    /// Wrong arguments, each naming the place; [`Error::Asymmetric`], [`Error::NotIterative`],
-    /// [`Error::NoOwnNode`], [`Error::Interrupted`].
     pub fn new<I: Index>(
         given: &ProblemArrays<D, I>,
         elliptic: Option<&EllipticScaling>,
@@ -160,9 +156,6 @@ impl<const D: usize> Primal<D> {
     }
 
     /// The problem with `K` of these rows, which is bitwise symmetric, and the rows of `B`.
-    ///
-    /// # Errors
-    /// As [`Primal::new`].
     pub fn of_rows(
         rows: StiffnessRows,
         contact: OwnedMatrix,
@@ -241,9 +234,6 @@ impl<const D: usize> Primal<D> {
 
     /// The same bodies and contacts with other laws. `elliptic` is the change
     /// of variables that belongs to them, `change` the one from the present variables.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::Friction`].
     pub fn with_law(
         &self,
         law: Vec<ContactLaw>,
@@ -262,9 +252,6 @@ impl<const D: usize> Primal<D> {
     }
 
     /// The same bodies and contacts with other gaps.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`].
     pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Result<Self, Error> {
         let mut moved = self.clone();
         moved.contacts = self.contacts.with_gap(gap)?;
@@ -273,9 +260,6 @@ impl<const D: usize> Primal<D> {
 
     /// The same bodies and contacts in rotated frames. `elliptic` is the present change of
     /// variables; `rotation` is about the variables of the caller.
-    ///
-    /// # Errors
-    /// [`Error::Shape`]; [`Error::NoOwnNode`], in the new frames.
     pub fn rotated(
         &self,
         rotation: &Rotation<D>,
@@ -291,9 +275,6 @@ impl<const D: usize> Primal<D> {
     }
 
     /// `Tᵀ (f − K_fp u_p)` by places, with sums in twice the precision.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`].
     pub fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Force, Error> {
         let known = &self.stiffness;
         check_length("load", load.len(), self.order())?;
@@ -410,9 +391,6 @@ impl<const D: usize> Primal<D> {
     }
 
     /// The hierarchy of one body, which follows the statuses of its contacts.
-    ///
-    /// # Errors
-    /// As [`Following::new`].
     pub(super) fn hierarchy(
         &self,
         settings: &amg::settings::CycleSettings,
@@ -520,9 +498,6 @@ impl<const D: usize> Primal<D> {
 }
 
 /// Refuses contacts that do not fit together, or not to `n` degrees of freedom.
-///
-/// # Errors
-/// Wrong arguments, each naming the place.
 pub fn check_contacts<const D: usize>(
     contact: &Rows<'_>,
     gap: &[[f64; D]],

@@ -27,9 +27,6 @@ pub struct StiffnessRows {
 
 impl StiffnessRows {
     /// Without a row.
-    ///
-    /// # Errors
-    /// [`Error::IndexRange`] and others for wrong numbers in `fixed`.
     pub fn new(nodes: Nodes, fixed: &[usize]) -> Result<Self, Error> {
         let n = nodes.place.len();
         let position = connected::positions("fixed", fixed, n)?;
@@ -77,9 +74,6 @@ impl StiffnessRows {
     }
 
     /// The rows of all nodes, together.
-    ///
-    /// # Errors
-    /// [`Error::SparseStructure`] if there are fewer.
     pub(super) fn finish(self) -> Result<Stiffness, Error> {
         let (n, row) = (self.nodes.place.len(), self.known());
         if row < n || self.coupling.pointer.len() <= self.fixed.len() {

@@ -70,9 +70,6 @@ impl LooseBodies {
 
 /// Checks that nothing can move freely. With copies of displacements, springs of the body are weaker than those of the
 /// copies, and nothing but that is new: this was checked without copies.
-///
-/// # Errors
-/// [`Error::NotIterative`].
 pub(super) fn check<const D: usize>(
     stiffness: &Stiffness,
     contact: &OwnedMatrix,

@@ -82,9 +82,6 @@ impl BlockMatrix {
 
 impl BlockMatrix {
     /// Adds `block`, `b × b` and symmetric, in the units of the matrix, to a diagonal block.
-    ///
-    /// # Panics
-    /// If there is no such node, or the block has not `b²` entries.
     pub fn add_to_diagonal_block(&mut self, node: usize, block: &[f64]) {
         let size = self.b * self.b;
         assert_eq!(block.len(), size);
@@ -95,9 +92,6 @@ impl BlockMatrix {
     }
 
     /// Gives `held` unknowns the rows and columns of the diagonal, which stays.
-    ///
-    /// # Panics
-    /// If `held` has not `b` entries for each node.
     pub fn hold(&mut self, held: &[bool]) {
         let (b, nodes) = (self.b, self.nodes());
         assert_eq!(held.len(), b * nodes);

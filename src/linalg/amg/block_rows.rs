@@ -166,9 +166,6 @@ impl Finish for Store<'_> {
 
 impl BlockMatrix {
     /// `y = A x`, for vectors of `b` entries for each node, in units of `2^`[`Self::exponent`].
-    ///
-    /// # Panics
-    /// If `x` or `y` has not this length.
     pub fn product(&self, x: &[f32], y: &mut [f32]) {
         assert_eq!(x.len(), self.b * self.nodes());
         assert_eq!(y.len(), x.len());

@@ -68,9 +68,6 @@ impl ChangedRows {
 impl SymmetricBlocks {
     /// The matrix in single precision, with the rows and columns of `changed` instead of its
     /// own. `held` unknowns have the rows and columns of the diagonal, which is positive there.
-    ///
-    /// # Panics
-    /// If the blocks have not the same size, or `held` has not an entry for each unknown.
     pub fn with_rows(&self, changed: &ChangedRows, held: &[bool]) -> BlockMatrix {
         let (b, nodes) = (self.block_size(), self.nodes());
         let size = b * b;

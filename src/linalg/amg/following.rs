@@ -62,12 +62,6 @@ impl Following {
     /// `matrix` without held unknowns, but for those without a degree of freedom; `nodes` may
     /// change, with those that its variables belong to. Nothing can be solved before
     /// [`Following::update`].
-    ///
-    /// # Errors
-    /// As [`Multigrid::new`].
-    ///
-    /// # Panics
-    /// If an argument has another length.
     pub fn new(
         matrix: &SingleRows<'_>,
         about: &LevelNodes,
@@ -109,12 +103,6 @@ impl Following {
 
     /// Follows to `held` unknowns and to a spring at each of the nodes that may change, `b × b`
     /// by columns; `about` is that of [`Following::new`], too large to be kept. The bits do not depend on what was before. After an error this cannot be used.
-    ///
-    /// # Errors
-    /// As [`Multigrid::new`].
-    ///
-    /// # Panics
-    /// If an argument has another length.
     pub fn update(
         &mut self,
         about: &LevelNodes,
@@ -177,9 +165,6 @@ impl Following {
     }
 
     /// `x ≈ A⁻¹ b`, as [`Multigrid::apply`], with a smoother of this degree.
-    ///
-    /// # Panics
-    /// If `b` or `x` has another length than the matrix.
     pub fn apply(&mut self, degree: usize, b: &[f64], x: &mut [f64]) {
         self.multigrid.set_degree(degree);
         self.multigrid.apply(b, x);

@@ -60,10 +60,6 @@ impl Made {
 
 /// Makes all of a level but its own form of the matrix. The motions of `about` count as zero at `held` unknowns. `spectrum` is a bound
 /// of the eigenvalues of `D⁻¹ A`, if it is known.
-///
-/// # Errors
-/// [`Error::Multigrid`] if a diagonal is not positive, a number leaves the range, or the nodes
-/// are not coupled; [`Error::Interrupted`] if `stop` is set.
 pub(super) fn level(
     matrix: LevelMatrix<'_>,
     about: &LevelNodes,
@@ -123,10 +119,6 @@ pub(super) struct Levels {
 
 impl Levels {
     /// Makes levels until a dense factor is small.
-    ///
-    /// # Errors
-    /// As [`level`]; [`Error::Multigrid`] also if the levels do not become coarser, or the
-    /// coarsest is not positive definite.
     pub(super) fn new(
         finest: &BlockMatrix,
         mut about: LevelNodes,

@@ -42,14 +42,6 @@ pub struct Multigrid {
 impl Multigrid {
     /// Builds all levels. The motions of `about` count as zero at `held` unknowns, which must be
     /// held in the matrix too.
-    ///
-    /// # Errors
-    /// [`Error::Multigrid`] if a diagonal is not positive, a number leaves the range, the levels
-    /// do not become coarser, or the coarsest is not positive definite; [`Error::Interrupted`]
-    /// if `stop` is set.
-    ///
-    /// # Panics
-    /// If an argument has another length.
     pub fn new(
         matrix: BlockMatrix,
         about: LevelNodes,
@@ -119,9 +111,6 @@ impl Multigrid {
     }
 
     /// `x ≈ A⁻¹ b`.
-    ///
-    /// # Panics
-    /// If `b` or `x` has another length than the matrix.
     pub fn apply(&mut self, b: &[f64], x: &mut [f64]) {
         assert_eq!(b.len(), self.b.len());
         assert_eq!(x.len(), self.b.len());

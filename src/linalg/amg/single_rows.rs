@@ -29,9 +29,6 @@ pub struct SingleRows<'a> {
 
 impl<'a> SingleRows<'a> {
     /// `changes` are nodes with their block of `T`, `b × b` by columns.
-    ///
-    /// # Panics
-    /// If there is no such node, or a block has not `b²` entries.
     pub fn new<'b>(
         matrix: &'a SymmetricBlocks,
         changes: impl Iterator<Item = (usize, &'b [f64])>,

@@ -232,9 +232,6 @@ impl SymmetricBlocks {
     }
 
     /// `y = A x`, for vectors of `b` entries for each node.
-    ///
-    /// # Panics
-    /// If `x` or `y` has not this length.
     pub fn product(&self, x: &[f64], y: &mut [f64]) {
         self.sum_terms::<Double<false>>(x, y);
     }
@@ -286,9 +283,6 @@ impl SymmetricBlocks {
     }
 
     /// `A x` with sums in twice the precision: the values, and the digits below their rounding.
-    ///
-    /// # Panics
-    /// If `x` has not an entry for each unknown.
     pub fn product_in_two(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let mut sums: Vec<Sum> = zeros(x.len());
         self.sum_terms::<InTwo>(x, &mut sums);
@@ -296,9 +290,6 @@ impl SymmetricBlocks {
     }
 
     /// `y = |A| |x|`.
-    ///
-    /// # Panics
-    /// If `x` or `y` has not `b` entries for each node.
     pub fn absolute_product(&self, x: &[f64], y: &mut [f64]) {
         self.sum_terms::<Double<true>>(x, y);
     }
@@ -434,9 +425,6 @@ pub struct UpperBlocks {
 impl UpperBlocks {
     /// Without a row. Degree of freedom `i` is component `place[i] % b` of node `place[i] / b`, or
     /// is left out if `place[i]` is [`ABSENT`].
-    ///
-    /// # Panics
-    /// If `place` names a node that does not exist.
     pub fn new(place: Vec<u32>, nodes: usize, b: usize) -> Self {
         let mut dof = vec![ABSENT; nodes * b];
         for (i, &at) in place.iter().enumerate() {
