@@ -546,11 +546,7 @@ class Settings(NamedTuple):
 
 
 def settings(
-    method: str,
-    tol: float,
-    max_iterations: int | None,
-    max_seconds: float | None,
-    maxiter: int | None = None,
+    method: str, tol: float, max_iterations: int | None, max_seconds: float | None
 ) -> Settings:
     """Check the settings of a solve."""
     if not isinstance(method, str):
@@ -560,24 +556,13 @@ def settings(
         raise ValueError(
             f"method is {method!r}, expected one of {names}{meant(method, _core.METHODS)}"
         )
-    limit = iteration_limit(max_iterations, maxiter)
-    limit = None if limit is None else positive("max_iterations", limit)
+    limit = (
+        None if max_iterations is None else positive("max_iterations", max_iterations)
+    )
     seconds = None if max_seconds is None else number("max_seconds", max_seconds)
     checked = Settings(method, number("tol", tol), limit, seconds)
     _core.check_settings(*checked)
     return checked
-
-
-def iteration_limit(max_iterations: int | None, maxiter: int | None) -> int | None:
-    """The limit, which callers may also give by the name that it has in SciPy."""
-    if maxiter is None:
-        return max_iterations
-    if max_iterations is not None:
-        raise TypeError(
-            f"max_iterations is {show_value(max_iterations)} and maxiter is {show_value(maxiter)}: "
-            "they are two names of one limit, give one of them"
-        )
-    return maxiter
 
 
 def logical(what: str, value: object) -> None:

@@ -143,7 +143,6 @@ class GlobalProblem:
         *,
         num_threads: int | None = None,
         callback: Callable[[int, float, float], object] | None = None,
-        maxiter: int | None = None,
     ) -> Solution:
         """Solve as `ReducedProblem.solve`; it also raises the errors of `reduced`.
 
@@ -157,7 +156,6 @@ class GlobalProblem:
             start,
             num_threads=num_threads,
             callback=callback,
-            maxiter=maxiter,
         )
 
     def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:

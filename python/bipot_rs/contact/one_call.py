@@ -25,7 +25,6 @@ class _OfSolve(TypedDict, total=False):
     tol: float
     max_iterations: int | None
     max_seconds: float | None
-    maxiter: int | None
     start: Start | None
     on_step: Callable[[int, Step], object] | None
     progress: bool

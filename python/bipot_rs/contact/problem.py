@@ -471,7 +471,6 @@ class ContactProblem:
         progress: bool = False,
         gap: ArrayLike | MovingGaps | None = None,
         mu: ArrayLike | None = None,
-        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history.
 
@@ -500,8 +499,6 @@ class ContactProblem:
             Residual η to reach. `Solution.tolerance` is larger if rounding needs that.
         max_iterations, max_seconds
             Limits of one step.
-        maxiter
-            Another name of ``max_iterations``, that of SciPy.
         start
             A `Result` or one of its steps to continue from; the results have the same bits
             as those of one uninterrupted path. ``load``, ``prescribed`` and ``gap`` are the
@@ -549,7 +546,7 @@ class ContactProblem:
         >>> np.array_equal(rest.slip, whole.slip[1:])
         True
         """
-        checked = settings(method, tol, max_iterations, max_seconds, maxiter)
+        checked = settings(method, tol, max_iterations, max_seconds)
         callback("on_step", on_step)
         steps = self.loading.list_totals(load, prescribed, gap, start)
         at = last_step(start)
@@ -580,7 +577,6 @@ class ContactProblem:
         on_step: Callable[[int, Step], object] | None = None,
         progress: bool = False,
         gap: Callable[[float], ArrayLike | MovingGaps] | None = None,
-        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path in adaptive steps, with slip history.
 
@@ -639,7 +635,7 @@ class ContactProblem:
             solve_adaptively,
         )
 
-        checked = settings(method, tol, max_iterations, max_seconds, maxiter)
+        checked = settings(method, tol, max_iterations, max_seconds)
         callback("on_step", on_step)
         callback("gap", gap)
         plan = check_increments(stops, first, largest, smallest, slip)
@@ -658,7 +654,6 @@ class ContactProblem:
         tol: float = 1e-10,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
-        maxiter: int | None = None,
     ) -> list[Result]:
         """Solve several load paths in parallel with one factorisation.
 
@@ -699,7 +694,7 @@ class ContactProblem:
         """
         from bipot_rs.contact.path.cases import solve_cases
 
-        checked = settings(method, tol, max_iterations, max_seconds, maxiter)
+        checked = settings(method, tol, max_iterations, max_seconds)
 
         def begin_paths(steps: int) -> Callable[[Case], PathSolver]:
             engine = self.stiffness.choose_engine(steps, method)
@@ -728,7 +723,6 @@ class ContactProblem:
         start: Wear | Start | None = None,
         on_cycle: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | MovingGaps | None = None,
-        maxiter: int | None = None,
     ) -> Wear:
         """Repeat a load path, and wear the contacts by Archard's law.
 
@@ -796,7 +790,7 @@ class ContactProblem:
         from bipot_rs.contact.wear.jumps import CycleSolver
         from bipot_rs.contact.wear.record import check_wear
 
-        checked = settings(method, tol, max_iterations, max_seconds, maxiter)
+        checked = settings(method, tol, max_iterations, max_seconds)
         callback("on_cycle", on_cycle)
         arguments = check_wear(self.contacts, coefficient, cycles, jump, rtol, start)
         totals = self.loading.list_totals(load, prescribed, gap)

@@ -266,13 +266,12 @@ class ReducedProblem:
         *,
         num_threads: int | None = None,
         callback: Callable[[int, float, float], object] | None = None,
-        maxiter: int | None = None,
     ) -> Solution:
         """Solve, and return how the solve ended in `Solution.outcome`.
 
         Parameters
         ----------
-        method, tol, max_iterations, max_seconds, maxiter
+        method, tol, max_iterations, max_seconds
             As in `ContactProblem.solve`.
         start
             A `Solution`, or reactions ``(n_c, d)``, to start from.
@@ -283,7 +282,7 @@ class ReducedProblem:
             with the smallest residual so far (infinite before the first one). If it raises
             an exception, the solve ends with this exception.
         """
-        chosen = settings(method, tol, max_iterations, max_seconds, maxiter)
+        chosen = settings(method, tol, max_iterations, max_seconds)
         validation.callback("callback", callback)
         reaction, rigid = None, None
         if isinstance(start, Solution):

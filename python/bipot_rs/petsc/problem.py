@@ -221,7 +221,6 @@ class ContactProblem:
         gap: ArrayLike | MovingGaps | None = None,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
-        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history. All ranks call it.
 
@@ -233,7 +232,7 @@ class ContactProblem:
         prescribed, gap
             As in `bipot_rs.ContactProblem.solve`, the same on every rank; `MovingGaps` are
             refused.
-        tol, max_iterations, max_seconds, maxiter
+        tol, max_iterations, max_seconds
             As in `bipot_rs.ContactProblem.solve`. The clock of the first rank counts.
         start
             A `Result` or one of its steps to continue from. A step from a file has no
@@ -255,9 +254,7 @@ class ContactProblem:
         """
 
         def check() -> tuple[Settings, list[Totals]]:
-            checked = self._check_settings(
-                tol, max_iterations, maxiter, max_seconds, start
-            )
+            checked = self._check_settings(tol, max_iterations, max_seconds, start)
             callback("on_step", on_step)
             if isinstance(gap, MovingGaps):
                 raise ValueError(NO_FRAMES)
@@ -293,7 +290,6 @@ class ContactProblem:
         start: Start | None = None,
         on_step: Callable[[int, WholeStep], object] | None = None,
         gap: Callable[[float], ArrayLike] | None = None,
-        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path in adaptive steps, as `bipot_rs.ContactProblem.follow`.
 
@@ -304,14 +300,12 @@ class ContactProblem:
             ``(n_c, d)``. All ranks call them alike.
         stops, first, largest, smallest, slip, start, on_step
             As in `bipot_rs.ContactProblem.follow`.
-        tol, max_iterations, max_seconds, maxiter
+        tol, max_iterations, max_seconds
             As in `solve`.
         """
 
         def check() -> tuple[Settings, Increments, Callable[[float], Totals]]:
-            checked = self._check_settings(
-                tol, max_iterations, maxiter, max_seconds, start
-            )
+            checked = self._check_settings(tol, max_iterations, max_seconds, start)
             callback("on_step", on_step)
             callback("gap", gap)
             plan = check_increments(stops, first, largest, smallest, slip)
@@ -330,12 +324,11 @@ class ContactProblem:
         self,
         tol: float,
         max_iterations: int | None,
-        maxiter: int | None,
         max_seconds: float | None,
         start: Start | None,
     ) -> Settings:
         """Settings of the solver, after a start with other frames is refused."""
-        checked = settings("newton", tol, max_iterations, max_seconds, maxiter)
+        checked = settings("newton", tol, max_iterations, max_seconds)
         before = find_start(start, self._loading.contacts.shape)
         if before is not None and before.frame is not None:
             raise ValueError(NO_FRAMES)

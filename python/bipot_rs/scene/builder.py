@@ -422,7 +422,6 @@ class Model:
         on_step: Callable[[int, Step], object] | None = None,
         progress: bool = False,
         mu: float | Sequence[float] | str | None = None,
-        maxiter: int | None = None,
     ) -> ModelResult:
         """Solve the whole path; bitwise the same result as `bipot run`.
 
@@ -430,8 +429,6 @@ class Model:
         ----------
         method, tol, max_iterations
             Replace the settings of `solver`.
-        maxiter
-            Another name of ``max_iterations``, that of SciPy.
         start
             Result of an interrupted run of this path, also one read from a file. The path
             continues from it, bitwise as if it had not been interrupted. With automatic
@@ -474,7 +471,6 @@ class Model:
                 method=method,
                 tol=tol,
                 max_iterations=max_iterations,
-                maxiter=maxiter,
                 start=start,
                 first=first,
                 on_step=on_step,

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Floats, Record
-from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import FloatingBodyError, with_message
 from bipot_rs.contact.path.load_path import show_progress
@@ -161,7 +160,6 @@ class Case:
         first: int = 0,
         on_step: Callable[[int, Step], object] | None = None,
         progress: bool = False,
-        maxiter: int | None = None,
     ) -> Result:
         """Solve the path with the settings of the scene, by given or automatic steps.
 
@@ -171,8 +169,6 @@ class Case:
             `problem` of this case, if it was made before.
         method, tol, max_iterations
             Replace the settings of the scene.
-        maxiter
-            Another name of ``max_iterations``, that of SciPy.
         start
             State that an earlier run reached after `first` steps.
         first
@@ -196,8 +192,7 @@ class Case:
                 "the scene has [wear], which `bipot run` and Case.wear solve, as in "
                 "model.assemble().wear(); remove it to solve the load path once"
             )
-        limit = iteration_limit(max_iterations, maxiter)
-        chosen = self._settings(method, tol, limit)
+        chosen = self._settings(method, tol, max_iterations)
         asked = self.problem() if problem is None else problem
         plan = self.scene.path.increments
         if plan is None:
@@ -250,13 +245,12 @@ class Case:
         tol: float | None = None,
         max_iterations: int | None = None,
         on_cycle: Callable[[int, Step], object] | None = None,
-        maxiter: int | None = None,
     ) -> Wear:
         """Solve the load steps before the cycle, then the cycles of the table ``[wear]``.
 
         Parameters
         ----------
-        problem, method, tol, max_iterations, maxiter
+        problem, method, tol, max_iterations
             As in `solve`.
         on_cycle
             As in `ContactProblem.wear`.
@@ -271,8 +265,7 @@ class Case:
         table = None if self.scene is None else self.scene.wear
         if table is None:
             raise ValueError("the scene has no [wear], expected coefficient and cycles")
-        limit = iteration_limit(max_iterations, maxiter)
-        chosen = self._settings(method, tol, limit)
+        chosen = self._settings(method, tol, max_iterations)
         asked = self.problem() if problem is None else problem
         count = len(self.parameter)
         once = slice(0, count - (table.steps or count))

@@ -33,9 +33,6 @@ EXPECTED = {
     "prescribed differs": "ValueError: prescribed differs between ranks",
     "tol": "ValueError: tol is -1",
     "max_iterations": "NotConvergedError: load step 1",
-    "maxiter": "NotConvergedError: load step 1",
-    "both limits": "TypeError: max_iterations is 3 and maxiter is 4",
-    "both limits, adaptive": "TypeError: max_iterations is 3 and maxiter is 4",
     "on_step": "TypeError: on_step is 3",
     "start": "TypeError: start is",
 }

@@ -265,13 +265,6 @@ def errors(given: Given) -> Given:
         "max_iterations": lambda: made.solve(
             prescribed=given["prescribed"], tol=1e-12, max_iterations=1
         ),
-        "maxiter": lambda: made.solve(
-            prescribed=given["prescribed"], tol=1e-12, maxiter=1
-        ),
-        "both limits": lambda: made.solve(max_iterations=3, maxiter=4),
-        "both limits, adaptive": lambda: made.follow(
-            lambda _: None, lambda _: np.zeros(n_fixed), max_iterations=3, maxiter=4
-        ),
         "on_step": lambda: made.solve(on_step=3),
         "start": lambda: made.solve(start=3),
     }.items():

@@ -39,7 +39,6 @@ class _RunSettings(TypedDict, total=False):
     tol: float
     max_iterations: int | None
     max_seconds: float | None
-    maxiter: int | None
 
 
 class _SolveArguments(_RunSettings, total=False):

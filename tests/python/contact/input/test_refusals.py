@@ -497,9 +497,6 @@ def test_an_asymmetric_entry_is_named(form: str) -> None:
 
 
 def test_arguments_that_are_wrong_together() -> None:
-    for call in (solve, reduced_solve):
-        with pytest.raises(TypeError, match="max_iterations is 3 and maxiter is 4"):
-            call(max_iterations=3, maxiter=4)
     with pytest.raises(ValueError, match="base"):
         bp.project([[1.7e308, 0.0]], 0.3, base=[[1.7e308, 0.0]])
     with pytest.raises(ValueError, match=r"load.*prescribed|prescribed.*load"):
