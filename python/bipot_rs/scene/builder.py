@@ -499,16 +499,6 @@ class Model:
         )
 
 
-class Remarks(tuple[str, ...]):
-    """A tuple of warnings; calling it returns a list."""
-
-    __slots__ = ()
-
-    def __call__(self) -> list[str]:
-        """The warnings as a list."""
-        return list(self)
-
-
 class ModelResult(Result):
     """A `Result` with the names of the surfaces of its model.
 
@@ -539,7 +529,7 @@ class ModelResult(Result):
             units = case.scene.units.model_dump().items()
             self.units = {name: unit for name, unit in units if unit}
         self.case = case
-        self._reviewed: Remarks | None = None
+        self._reviewed: tuple[str, ...] | None = None
 
     @property
     def parameter(self) -> Floats:
@@ -547,11 +537,11 @@ class ModelResult(Result):
         return np.array([self.path_parameter(k) for k in range(len(self))], np.float64)
 
     @property
-    def remarks(self) -> Remarks:
+    def remarks(self) -> tuple[str, ...]:
         """Warnings of `Result`, and of `fem.review` about the solution."""
         if self._reviewed is None:
             remarks = review(self.case.model, self.steps)
-            self._reviewed = Remarks((*self._remarks, *remarks))
+            self._reviewed = (*self._remarks, *remarks)
         return self._reviewed
 
     def contacts_of(self, on: str) -> Ints:

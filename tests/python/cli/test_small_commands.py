@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.cli import app, arguments
+from bipot_rs.cli import app
 from bipot_rs.cli.commands import check as checking
 from bipot_rs.cli.commands.new import templates
 from bipot_rs.cli.commands.schema import schema
@@ -24,7 +24,6 @@ from bipot_rs.cli.run.runner import ENGINES
 from bipot_rs.plots.by_name import KINDS
 from bipot_rs.scene import assemble, bodies, read
 from bipot_rs.scene.library import shipped, text
-from bipot_rs.scene.mistakes import SceneError
 from bipot_rs.scene.schema.root import Solver
 
 SMALL = ("--set", "mesh.n=4")
@@ -505,25 +504,6 @@ def test_schema_refuses_what_bipot_refuses(change: Callable[[Any], Any]) -> None
 
 
 @pytest.mark.parametrize(
-    ("scene", "incomplete", "found"),
-    [
-        ("two_blocks", "m", ["mesh.", "material."]),
-        (None, "m", ["mesh.", "material."]),
-        ("two_blocks", "body.", ["body.upper.", "body.lower."]),
-        ("two_blocks", "contact.0.m", ["contact.0.mu="]),
-        ("no_such.toml", "wear.r", ["wear.rtol="]),
-        ("two_blocks", "mesh.n=1", []),
-        # One table alone: its keys, since the shell would end its name by a space.
-        ("two_blocks", "mes", ["mesh.n=", "mesh.element="]),
-    ],
-)
-def test_keys_are_completed(
-    scene: str | None, incomplete: str, found: list[str]
-) -> None:
-    assert arguments.list_keys(scene, incomplete) == found
-
-
-@pytest.mark.parametrize(
     ("line", "found"),
     [
         ("bipot sw", {"sweep"}),
@@ -533,7 +513,6 @@ def test_keys_are_completed(
         ("bipot fclib --method uz", {"uzawa", "uzawa_two_projection"}),
         ("bipot plot out/a --kind status_s", {"status_shares"}),
         ("bipot new --template mo", {"mortar"}),
-        ("bipot sweep two_blocks --range contact.0.mu", {"contact.0.mu="}),
         ("bipot sweep --join a --o", {"--out"}),
     ],
 )
@@ -555,26 +534,6 @@ def test_shells_complete(line: str, found: set[str], tmp_path: Path) -> None:
         check=True,
     )
     assert set(done.stdout.split()) == found
-
-
-def test_completed_keys_are_keys_of_the_scene() -> None:
-    """Each key that is offered for a scene can be set in it: no message calls it unknown."""
-    open_ends, leaves = [""], []
-    while open_ends:
-        for key in arguments.list_keys("sheared_cube", open_ends.pop()):
-            (open_ends if key.endswith(".") else leaves).append(key)
-    assert len(leaves) > 30
-    for key in leaves:
-        message = str(_error_of(key))
-        assert "unknown key" not in message, key
-        assert "--set" not in message, key
-
-
-def _error_of(key: str) -> object:
-    try:
-        return read("sheared_cube", [f"{key}1"])
-    except SceneError as error:
-        return error
 
 
 def test_every_command_has_help(bipot: Any) -> None:

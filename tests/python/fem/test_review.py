@@ -153,7 +153,7 @@ def test_model_reports_sliding_distance() -> None:
     m.support("block.top", x=m.times(0.3, "go"), y=m.times(-0.1, "go"))
     m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=2.0)
     m.path(go=[0.1, 1.0])
-    warnings = m.solve().remarks()
+    warnings = m.solve().remarks
     # Sheared by 0.3 over a height of 1: a rotation and a strain of about 0.15 each.
     assert [warning.split()[0] for warning in warnings[:2]] == ["rotations", "strains"]
     assert all("in load step 2 of 2" in warning for warning in warnings)

@@ -24,7 +24,7 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_settings(
         parser, metavar="KEY=V1,V2,…", purpose="Values of a key: contact.0.mu=0.1,0.3."
     )
-    ranges = parser.add_argument(
+    parser.add_argument(
         "--range",
         dest="ranges",
         action="append",
@@ -33,7 +33,6 @@ def add_arguments(parser: shared.Parser) -> None:
         help="COUNT equally spaced values: 0.1:0.5:3 is 0.1, 0.3, 0.5. May be given several "
         "times.",
     )
-    shared.complete_by(ranges, shared.complete_keys)
     shared.add_out(parser, "Folder for sweep.csv. Default: out/SCENE-sweep.")
     shared.add_method(parser, of_scene=True)
     parser.add_argument(
