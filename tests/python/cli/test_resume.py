@@ -216,8 +216,7 @@ def test_problems_of_a_resumed_path(broken: Path) -> None:
 @pytest.mark.slow
 def test_a_new_run_reports_an_unfinished_one(broken: Path) -> None:
     looked = bipot("info", "here", cwd=broken.parent)
-    assert "4 load steps of 9, every residual" in looked.stdout
-    assert "load step 4 of 9: open" in looked.stdout
+    assert "4 load steps of 9" in looked.stdout
     again = bipot(*SCENE, "--out", "here", cwd=broken.parent)
     assert again.returncode == 0
     assert (
@@ -236,7 +235,7 @@ def test_a_resumed_run_reports_its_start(broken: Path) -> None:
     assert run.returncode == 0
     assert "continuing after 4 load steps" in run.stderr
     looked = bipot("info", "here", cwd=broken.parent)
-    assert "9 load steps, every residual" in looked.stdout
+    assert "9 load steps\n" in looked.stdout
 
 
 def test_a_complete_run_is_not_resumed(whole: Path) -> None:

@@ -143,7 +143,7 @@ def test_scenes_have_titles_on_a_terminal(
 def test_info_of_files_named_in_scenes(bipot: Any, repository: Path) -> None:
     folder = repository / "examples" / "scenes"
     out = bipot("info", str(folder / "heated_bar.toml"))[1]
-    assert "loads     2 symmetries, 1 initial strain" in out
+    assert "loads     2 symmetries, 1 strain" in out
     assert "bar.right against wall, mu 0.0" in out
 
 
@@ -193,14 +193,12 @@ def test_info_of_arrays_without_displacements(bipot: Any) -> None:
     result.save("plain.h5", displacements=False)
     status, out, _ = bipot("info", "plain.h5")
     assert status == 0
-    assert "1 load step, every residual at most" in out
-    assert "no displacements each" in out
-    assert "  contacts  1 contact in 2 dimensions\n" in out
-    assert "unknown" not in out
+    assert "  steps  1 load step\n" in out
+    assert "  contacts  1 contact in the plane, at the end 0 open" in out
     assert json.loads(bipot("info", "plain.h5", "--json")[1])["displacements"] is None
     result.save("plain.h5")
     assert np.array_equal(bp.load("plain.h5").displacement, result.displacement)
-    assert "; 2 displacements each" in bipot("info", "plain.h5")[1]
+    assert json.loads(bipot("info", "plain.h5", "--json")[1])["displacements"] == 2
     points = np.empty((0, 2))
     none = np.empty((0, 2))
     bp.solve(
@@ -208,24 +206,7 @@ def test_info_of_arrays_without_displacements(bipot: Any) -> None:
     ).save("none.h5")
     status, out, _ = bipot("info", "none.h5")
     assert status == 0
-    assert "0 contacts in 2 dimensions\n" in out
-
-
-@pytest.mark.slow
-def test_info_counts_load_steps_from_one(bipot: Any) -> None:
-    assert bipot("run", "sheared_cube", *SMALL)[0] == 0
-    out = bipot("info", "out/sheared_cube")[1]
-    assert "load step 1 of 2: open" in out
-    assert "load step 2 of 2: open" in out
-    assert "..." not in out
-    assert bipot("run", "cyclic_cube", "--set", "mesh.n=3", "--out", "long")[0] == 0
-    told = re.findall(r"  (load step \d+ of|\.\.\.) +(.*)", bipot("info", "long")[1])
-    assert [(k, what.split(":")[0]) for k, what in told] == [
-        ("load step 1 of", "41"),
-        ("...", "38 load steps"),
-        ("load step 40 of", "41"),
-        ("load step 41 of", "41"),
-    ]
+    assert "0 contacts in the plane" in out
 
 
 def test_info_of_meshes(bipot: Any, repository: Path) -> None:
@@ -233,7 +214,7 @@ def test_info_of_meshes(bipot: Any, repository: Path) -> None:
     status, out, _ = bipot("info", "pad.inp")
     assert status == 0
     assert "pad.inp: a mesh in 2 dimensions" in out
-    assert "160 quadrilaterals of first order (quad)" in out
+    assert "cells     quad (160 cells)" in out
     assert "189, [-10, 10] × [0, 10]" in out
     assert "volumes   pad (160 cells)" in out
     assert "surfaces  foot (20 facets), top (20 facets)" in out

@@ -429,8 +429,8 @@ def test_a_run_writes_what_is_broken(tmp_path: Path) -> None:
     saved = bp.load_result(tmp_path / "out" / "result.h5")
     assert (saved.broken == expected.broken).all()
     assert (saved[-1].dilation == expected[-1].dilation).all()
-    told = bipot("info", "out/result.h5", cwd=tmp_path).stdout
-    assert f"broken {counts[-1]}" in told
+    told = bipot("info", "out/result.h5", "--json", cwd=tmp_path).stdout
+    assert json.loads(told)["last"]["broken"] == counts[-1]
 
 
 class TestDerivatives:
