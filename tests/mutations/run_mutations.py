@@ -85,6 +85,9 @@ def plant() -> None:
     subprocess.run(build, cwd=COPY, env=environment(0), check=True)
     built = COPY / "target/release/libbipot_rs.so"
     built.replace(COPY / "python/bipot_rs/_core.abi3.so")
+    # Not within the time of the first run: on a busy machine this takes ten minutes.
+    tests = ["cargo", "test", "--locked", "--test", "core", "--no-run"]
+    subprocess.run(tests, cwd=COPY, env=environment(0), check=True)
     # Otherwise each test fails, whatever the fault, and it counts as found.
     imported = [sys.executable, "-c", "import bipot_rs.scene, bipot_rs.cli.app"]
     subprocess.run(imported, cwd=COPY, env=environment(0), check=True)
