@@ -131,7 +131,7 @@ def test_half_a_force_and_automatic_steps() -> None:
         ),
         (
             {"section": "bar", "plane": {"point": [0, 0, 8], "normal": [0, 0, 0]}},
-            "needs a point and a normal of 3 numbers, not all zero",
+            "bolt.0.plane.normal: should not be zero",
         ),
         (
             {"section": "brr", "plane": {"point": [0, 0, 8], "normal": [0, 0, 1]}},

@@ -266,7 +266,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
                 "force": {"y": 1.0},
             }
         },
-        "obstacle.o.force.y: remove it or obstacle.o.move.y: a direction has either",
+        "obstacle.o.force.y: remove it or obstacle.o.move.y: a component is either",
     ),
     (
         {"remote.a": {"on": "it.top", "force": {"x": 1.0}}, "solver.engine": "petsc"},

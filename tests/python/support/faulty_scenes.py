@@ -33,9 +33,9 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
         ["obstacle.o.torus={centre=[0,0],axis=[0,0,0],major_radius=1,minor_radius=1}"],
         [
             "obstacle.o: is not used",
+            "obstacle.o.torus.minor_radius: should be less than major_radius",
             "obstacle.o.torus.centre: should have 3 components",
             "obstacle.o.torus.axis: should not be zero",
-            "obstacle.o.torus.minor_radius: should be less than major_radius",
         ],
     ),
     (["contact.1.mu=0.1"], ["--set contact.1.mu: contact is a list of 1 entry"]),

@@ -1,26 +1,31 @@
 """Checks that need more than one table of a scene: names, dimensions, sizes.
 
-Each function yields mistakes.
+Each function yields mistakes. `_geometry` checks the vectors and ranges of all tables alike.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from keyword import iskeyword
+
+from pydantic import BaseModel
 
 from bipot_rs._lib.machine import installed
 from bipot_rs._lib.messages import count_noun, instead
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
-from bipot_rs.scene.schema.contact import PlaneTable, Ring, Touch
+from bipot_rs.scene.schema.contact import Bar, Ring, Touch, Turn
 from bipot_rs.scene.schema.mesh import Block, Within
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import AXES, LARGEST, NAME, Components
+from bipot_rs.scene.schema.tie import CyclicTable
 from bipot_rs.scene.units import find_inconsistency
 
+# Numbers of the law of a contact beside its friction.
+_LAW = {"cohesion", "dilatancy"}
 _DOT = "contains a dot, which separates a body from its surface; choose another name"
 _IN_SPACE = "remove it, the scene has two dimensions"
 
@@ -55,14 +60,15 @@ def inconsistencies(
         *_bodies(scene, known),
         *_materials(scene),
         *_surfaces(scene, known),
-        *_components(scene, dim),
-        *_springs(scene, dim),
+        *_supports(scene),
+        *_springs(scene),
         *_strains(scene, known, dim),
         *_contacts(scene, known, dim),
-        *_obstacles(scene, dim),
-        *check_remotes(scene, dim),
-        *check_bolts(scene, known, dim),
-        *check_repetitions(scene, dim),
+        *_obstacles(scene),
+        *_remotes(scene),
+        *_bolts(scene, known),
+        *_repetitions(scene),
+        *_geometry(scene, dim),
         *_path(scene),
         *_wear(scene),
     ]
@@ -74,21 +80,91 @@ def _of_table(block: Block) -> Known:
     return Known(block.dim, [*FACES[block.dim], *block.surface], ())
 
 
+def _refuse(*checks: tuple[bool, str, str]) -> Iterator[Mistake]:
+    """The mistakes of checks: whether something is wrong, its key path, and what to do."""
+    return (Mistake(key, message) for wrong, key, message in checks if wrong)
+
+
 def _units(scene: Scene) -> Iterator[Mistake]:
     """Units that do not fit together: numbers in pictures would be wrong."""
     problem = find_inconsistency(scene.units.model_dump())
-    if problem is not None:
-        yield Mistake("units", problem)
+    return _refuse((problem is not None, "units", problem or ""))
 
 
 def _parameters(scene: Scene) -> Iterator[Mistake]:
+    advice = (
+        "should have another name: letters, digits and '_', with a letter first, and not n "
+        "(mesh.n) or a word that Python reserves"
+    )
     for name in scene.parameter:
-        if not name.isidentifier() or iskeyword(name) or name == "n":
-            yield Mistake(
-                f"parameter.{name}",
-                "should have another name: letters, digits and '_', with a letter first, and "
-                "not n (mesh.n) or a word that Python reserves",
-            )
+        reserved = not name.isidentifier() or iskeyword(name) or name == "n"
+        yield from _refuse((reserved, f"parameter.{name}", advice))
+
+
+# Keys of vectors, which have the dimension of the scene, and of those that are directions.
+_DIRECTIONS = ("normal", "axis")
+_VECTORS = ("point", "centre", "about", "at", "stiffness", *_DIRECTIONS)
+
+
+def _tables(value: object, place: str = "") -> Iterator[tuple[str, BaseModel]]:
+    """All tables below a value, with their key paths."""
+    entries: Iterable[tuple[object, object]] = ()
+    if isinstance(value, BaseModel):
+        if place:
+            yield place, value
+        entries = value
+    elif isinstance(value, dict):
+        entries = value.items()
+    elif isinstance(value, list):
+        entries = enumerate(value)
+    for key, inner in entries:
+        yield from _tables(inner, f"{place}.{key}" if place else str(key))
+
+
+def _geometry(scene: Scene, dim: int | None) -> Iterator[Mistake]:
+    """Vectors, components and ranges of coordinates."""
+    for place, table in _tables(scene):
+        if isinstance(table, Within):
+            yield from _ranges(place, table)
+        # Rotations in the plane have the component z only.
+        turning = place.startswith("remote.") and place.endswith((".turn", ".moment"))
+        if isinstance(table, Components):
+            axes = "z" if turning and dim == 2 else "x, y or z"
+            empty = f"has no component, expected {axes}"
+            yield from _refuse((not table.components(), place, empty))
+        if isinstance(table, Components | Within) and dim == 2:
+            advice = "remove it, in two dimensions the only axis is z"
+            for key in ("x", "y") if turning else ("z",):
+                given = getattr(table, key) is not None
+                why = advice if turning else _IN_SPACE
+                yield from _refuse((given, f"{place}.{key}", why))
+        if isinstance(table, Ring) and dim == 2:
+            yield Mistake(place, "needs a scene of three dimensions")
+            continue
+        if isinstance(table, Bar | Turn | CyclicTable) and dim == 3 and not table.axis:
+            yield Mistake(f"{place}.axis", "is missing", MistakeKind.MISSING_KEY)
+        for key in _VECTORS:
+            vector = vars(table).get(key)
+            if isinstance(vector, list):
+                yield from _vector(f"{place}.{key}", vector, dim)
+
+
+def _ranges(place: str, within: Within) -> Iterator[Mistake]:
+    limits = within.box()
+    yield from _refuse((not limits, place, "is empty, expected a range of x, y or z"))
+    for axis, (low, high) in limits.items():
+        key = f"{place}.{AXES[axis]}"
+        yield from _refuse((low > high, key, f"should ascend, got {[low, high]}"))
+
+
+def _vector(place: str, vector: list[float], dim: int | None) -> Iterator[Mistake]:
+    key = place.rpartition(".")[2]
+    if key == "axis" and dim == 2:
+        yield Mistake(place, _IN_SPACE)
+    elif dim is not None and len(vector) != dim:
+        yield Mistake(place, f"should have {dim} components, got {len(vector)}")
+    elif key in _DIRECTIONS and not any(vector):
+        yield Mistake(place, "should not be zero")
 
 
 def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:
@@ -108,7 +184,7 @@ def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:
             yield from _volumes(f"body.{name}.material", block, known[name])
         check_mesh_of = _box if block.mesh is None else _of_file
         yield from check_mesh_of(name, block, scene)
-        yield from _geometry(f"body.{name}.surface", block, known[name].dim)
+        yield from _places(f"body.{name}.surface", block)
 
 
 def _volumes(place: str, block: Block, known: Known) -> Iterator[Mistake]:
@@ -128,16 +204,12 @@ def _box(name: str, block: Block, scene: Scene) -> Iterator[Mistake]:
             yield Mistake(f"body.{name}.{key}", "is missing", MistakeKind.MISSING_KEY)
     if block.dim is None:
         return
+    place, cell = f"body.{name}.z", f"cell = {block.cell!r}"
     if block.z is None and block.dim == 3:
-        yield Mistake(
-            f"body.{name}.z",
-            f"is missing, cell = {block.cell!r} has three dimensions",
-            MistakeKind.MISSING_KEY,
-        )
-    elif block.z is not None and block.dim == 2:
-        yield Mistake(
-            f"body.{name}.z", f"remove it, cell = {block.cell!r} has two dimensions"
-        )
+        missing = f"is missing, {cell} has three dimensions"
+        yield Mistake(place, missing, MistakeKind.MISSING_KEY)
+    deep = block.z is not None and block.dim == 2
+    yield from _refuse((deep, place, f"remove it, {cell} has two dimensions"))
     n = scene.mesh.n if scene.mesh else None
     sides = []
     for letter, axis in zip(AXES, (block.x, block.y, block.z), strict=True):
@@ -153,66 +225,28 @@ def _box(name: str, block: Block, scene: Scene) -> Iterator[Mistake]:
 
 
 def _of_file(name: str, block: Block, _: Scene) -> Iterator[Mistake]:
-    for key in ("cell", "x", "y", "z"):
-        if getattr(block, key) is not None:
-            yield Mistake(
-                f"body.{name}.{key}",
-                "is for a box, but this body has a mesh; remove one",
-            )
-    if "order" in block.model_fields_set:
-        yield Mistake(
-            f"body.{name}.order", f"is for a box; for a mesh set body.{name}.mesh.order"
-        )
+    only_box = "is for a box, but this body has a mesh; remove one"
+    order = f"is for a box; for a mesh set body.{name}.mesh.order"
+    yield from _refuse(
+        *(
+            (getattr(block, key) is not None, f"body.{name}.{key}", only_box)
+            for key in ("cell", "x", "y", "z")
+        ),
+        ("order" in block.model_fields_set, f"body.{name}.order", order),
+    )
 
 
-def _geometry(place: str, block: Block, dim: int | None) -> Iterator[Mistake]:
+def _places(key: str, block: Block) -> Iterator[Mistake]:
+    """Surfaces that the scene defines by geometry."""
+    taken = {} if block.mesh is not None or block.dim is None else FACES[block.dim]
     for name, surface in block.surface.items():
-        if block.mesh is None and block.dim is not None and name in FACES[block.dim]:
-            yield Mistake(
-                f"{place}.{name}",
-                "a box has a surface of this name, choose another name",
-            )
-        if surface.within is None and surface.normal is None:
-            yield Mistake(
-                f"{place}.{name}",
-                "needs within or normal",
-            )
-        if surface.within is not None:
-            yield from _within(f"{place}.{name}.within", surface.within, dim)
-        if surface.normal is not None:
-            yield from _direction(f"{place}.{name}.normal", surface.normal, dim)
-        elif "angle" in surface.model_fields_set:
-            yield Mistake(
-                f"{place}.{name}.angle",
-                "needs normal, which is missing",
-            )
-
-
-def _within(place: str, within: Within, dim: int | None) -> Iterator[Mistake]:
-    limits = within.box()
-    if not limits:
-        yield Mistake(place, "is empty, expected a range of x, y or z")
-    for axis, (low, high) in limits.items():
-        if not low <= high:
-            yield Mistake(f"{place}.{AXES[axis]}", f"should ascend, got {[low, high]}")
-    if dim == 2 and 2 in limits:
-        yield Mistake(f"{place}.z", _IN_SPACE)
-
-
-def _direction(
-    place: str, vector: Sequence[float], dim: int | None
-) -> Iterator[Mistake]:
-    if dim is not None and len(vector) != dim:
-        yield from _length(place, vector, dim)
-    elif not any(vector):
-        yield Mistake(place, "should not be zero")
-
-
-def _length(
-    place: str, vector: Sequence[float] | None, dim: int | None
-) -> Iterator[Mistake]:
-    if vector and dim is not None and len(vector) != dim:
-        yield Mistake(place, f"should have {dim} components, got {len(vector)}")
+        place, bare = f"{key}.{name}", surface.normal is None
+        alone = bare and "angle" in surface.model_fields_set
+        yield from _refuse(
+            (name in taken, place, "a box has a surface of this name, choose another"),
+            (bare and surface.within is None, place, "needs within or normal"),
+            (alone, f"{place}.angle", "needs normal, which is missing"),
+        )
 
 
 def _materials(scene: Scene) -> Iterator[Mistake]:
@@ -268,43 +302,23 @@ def _surface(
         yield _unknown(path, "surface", on, full, hint)
 
 
-def _components(scene: Scene, dim: int | None) -> Iterator[Mistake]:
-    for kind in ("support", "traction", "body_force"):
-        for i, entry in enumerate(getattr(scene, kind)):
-            yield from _check_components(f"{kind}.{i}", entry, dim)
-    for kind in ("support", "traction", "pressure", "contact"):
-        for i, entry in enumerate(getattr(scene, kind)):
-            if entry.within is not None:
-                yield from _within(f"{kind}.{i}.within", entry.within, dim)
+def _supports(scene: Scene) -> Iterator[Mistake]:
     for i, support in enumerate(scene.support):
-        yield from _length(f"support.{i}.at", support.at, dim)
-        if support.at is None and support.within is None and support.on in scene.body:
-            yield Mistake(
-                f"support.{i}.on",
-                f"is the whole body {support.on!r}; name a surface or a "
-                "volume, or add within or at",
-            )
+        whole = (
+            support.at is None and support.within is None and support.on in scene.body
+        )
+        advice = (
+            f"is the whole body {support.on!r}; name a surface or a volume, or add "
+        )
+        yield from _refuse((whole, f"support.{i}.on", f"{advice}within or at"))
 
 
-def _check_components(
-    place: str, entry: Components, dim: int | None
-) -> Iterator[Mistake]:
-    if not entry.components():
-        yield Mistake(place, "has no component, expected x, y or z")
-    if dim == 2 and entry.z is not None:
-        yield Mistake(f"{place}.z", _IN_SPACE)
-
-
-def _springs(scene: Scene, dim: int | None) -> Iterator[Mistake]:
+def _springs(scene: Scene) -> Iterator[Mistake]:
     for i, spring in enumerate(scene.spring):
         along = spring.normal is not None or spring.tangential is not None
-        if along == (spring.stiffness is not None):
-            yield Mistake(
-                f"spring.{i}",
-                "needs stiffness, or normal and tangential",
-            )
-        if isinstance(spring.stiffness, list):
-            yield from _length(f"spring.{i}.stiffness", spring.stiffness, dim)
+        unclear = along == (spring.stiffness is not None)
+        needs = "needs stiffness, or normal and tangential"
+        yield from _refuse((unclear, f"spring.{i}", needs))
 
 
 def _strains(
@@ -321,30 +335,22 @@ def _strains(
             hint = f"body {body!r} has none"
             yield _unknown(f"{place}.on", "volume", strain.on, full, hint)
         heat = strain.expansion is not None, strain.temperature is not None
-        if any(heat) == (strain.tensor is not None) or any(heat) != all(heat):
-            yield Mistake(
-                place,
-                "needs expansion and temperature, or tensor",
-            )
-        if strain.amplitude is not None and strain.tensor is None:
-            yield Mistake(
-                f"{place}.amplitude",
-                "needs tensor; for a thermal strain write "
-                'temperature = { value = ..., amplitude = "..." }',
-            )
-        if strain.tensor is None:
-            continue
-        rows = [len(row) for row in strain.tensor]
-        if rows != [len(rows)] * len(rows) or len(rows) < (dim or 2):
-            yield Mistake(
-                f"{place}.tensor", f"should have {dim or 3} rows of {dim or 3} numbers"
-            )
-        elif any(
-            strain.tensor[a][b] != strain.tensor[b][a]
-            for a in range(len(rows))
-            for b in range(a)
-        ):
-            yield Mistake(f"{place}.tensor", "should be symmetric")
+        tensor, none = strain.tensor or [], strain.tensor is None
+        unclear = any(heat) != none or any(heat) != all(heat)
+        hint = (
+            "needs tensor; for a thermal strain write "
+            'temperature = { value = ..., amplitude = "..." }'
+        )
+        size = len(tensor)
+        square = [len(row) for row in tensor] == [size] * size and size >= (dim or 2)
+        mirrored = square and tensor != [list(row) for row in zip(*tensor, strict=True)]
+        rows = f"should have {dim or 3} rows of {dim or 3} numbers"
+        yield from _refuse(
+            (unclear, place, "needs expansion and temperature, or tensor"),
+            (none and strain.amplitude is not None, f"{place}.amplitude", hint),
+            (not none and not square, f"{place}.tensor", rows),
+            (mirrored, f"{place}.tensor", "should be symmetric"),
+        )
 
 
 def _contacts(
@@ -353,46 +359,33 @@ def _contacts(
     names = [contact.name for contact in scene.contact]
     for i, contact in enumerate(scene.contact):
         place = f"contact.{i}"
-        if contact.name is not None and not NAME.fullmatch(contact.name):
-            yield Mistake(
-                f"{place}.name",
-                "should be letters, digits, '_' and '-', with a letter first, got "
-                f"{contact.name!r}",
-            )
-        elif contact.name is not None and contact.name in names[:i]:
-            yield Mistake(
-                f"{place}.name",
-                f"contact.{names.index(contact.name)} has this name too; choose another",
-            )
-        if (contact.plane is None) == (contact.against is None):
-            yield Mistake(
-                place,
-                "needs exactly one of plane and against",
-            )
+        name, first = contact.name or "a", names.index(contact.name)
+        letters = (
+            f"should be letters, digits, '_' and '-', with a letter first, got {name!r}"
+        )
+        twice = f"contact.{first} has this name too; choose another"
+        unclear = (contact.plane is None) == (contact.against is None)
+        yield from _refuse(
+            (not NAME.fullmatch(name), f"{place}.name", letters),
+            (contact.name is not None and first < i, f"{place}.name", twice),
+            (unclear, place, "needs exactly one of plane and against"),
+        )
         if contact.obstacle is not None and contact.obstacle not in scene.obstacle:
             yield _no_obstacle(f"{place}.against", contact.obstacle, scene)
         if contact.other is not None:
             yield from _surface(known, f"{place}.against", contact.other)
-            if contact.other.partition(".")[0] == contact.on.partition(".")[0]:
-                yield Mistake(
-                    f"{place}.against",
-                    f"should be a surface of another body, got {contact.against!r}",
-                )
-        if contact.other is None and contact.pairing == "nodes":
-            yield Mistake(
-                f"{place}.pairing", "should be 'match' or 'mortar' for a rigid obstacle"
-            )
-        if contact.plane is not None:
-            yield from _plane(f"{place}.plane", contact.plane, dim)
-        for key, vector in (
-            ("clearance.centre", contact.clearance.centre),
-            ("axis", contact.axis),
-        ):
-            yield from _length(f"{place}.{key}", vector, dim)
+        same = contact.on.partition(".")[0] == (contact.other or "").partition(".")[0]
+        other = f"should be a surface of another body, got {contact.against!r}"
+        alone = contact.other is None and contact.pairing == "nodes"
+        match = "should be 'match' or 'mortar' for a rigid obstacle"
+        flat = contact.clearance.radius == 0
+        yield from _refuse(
+            (same, f"{place}.against", other),
+            (alone, f"{place}.pairing", match),
+            (flat, f"{place}.clearance.radius", "should not be zero"),
+        )
         if dim is not None:
             yield from _friction(place, contact, dim)
-        if contact.clearance.radius == 0:
-            yield Mistake(f"{place}.clearance.radius", "should not be zero")
 
 
 def _no_obstacle(key: str, name: str, scene: Scene) -> Mistake:
@@ -405,93 +398,64 @@ def _no_obstacle(key: str, name: str, scene: Scene) -> Mistake:
     return _unknown(key, "obstacle", name, scene.obstacle, hint)
 
 
-def _plane(place: str, plane: PlaneTable, dim: int | None) -> Iterator[Mistake]:
-    yield from _length(f"{place}.point", plane.point, dim)
-    yield from _direction(f"{place}.normal", plane.normal, dim)
-
-
-def _obstacles(scene: Scene, dim: int | None) -> Iterator[Mistake]:
+def _obstacles(scene: Scene) -> Iterator[Mistake]:
     used = {contact.obstacle for contact in scene.contact}
     for name, rigid in scene.obstacle.items():
         place = f"obstacle.{name}"
-        if "." in name:
-            yield Mistake(place, _DOT)
-        elif name not in used:
-            yield Mistake(
-                place, f'is not used; remove it, or set against = "{name}" in a contact'
-            )
-        if sum(getattr(rigid, shape) is not None for shape in rigid.SHAPES) != 1:
-            yield Mistake(
-                place,
-                f"needs exactly one of {', '.join(rigid.SHAPES)}",
-            )
-        if rigid.inside and rigid.plane is not None:
-            yield Mistake(
-                f"{place}.inside", "a plane has no inside; reverse its normal instead"
-            )
-        if rigid.plane is not None:
-            yield from _plane(f"{place}.plane", rigid.plane, dim)
-        if rigid.sphere is not None:
-            yield from _length(f"{place}.sphere.centre", rigid.sphere.centre, dim)
-        if rigid.cylinder is not None:
-            yield from _length(f"{place}.cylinder.point", rigid.cylinder.point, dim)
-        if rigid.torus is not None:
-            yield from _torus(f"{place}.torus", rigid.torus, dim)
-        if rigid.turn is not None:
-            yield from _length(f"{place}.turn.about", rigid.turn.about, dim)
-        for key, part in (("cylinder", rigid.cylinder), ("turn", rigid.turn)):
-            if part is not None:
-                yield from _axis(f"{place}.{key}.axis", part.axis, dim)
-        for key, vector in (("move", rigid.move), ("force", rigid.force)):
-            if vector is not None:
-                yield from _check_components(f"{place}.{key}", vector, dim)
-        if rigid.move is not None and rigid.force is not None:
-            for k in rigid.move.components().keys() & rigid.force.components().keys():
-                yield Mistake(
-                    f"{place}.force.{AXES[k]}",
-                    f"remove it or {place}.move.{AXES[k]}: a "
-                    "direction has either a force or a displacement",
-                )
+        idle = f'is not used; remove it, or set against = "{name}" in a contact'
+        many = sum(getattr(rigid, shape) is not None for shape in rigid.SHAPES) != 1
+        thick = rigid.torus and rigid.torus.minor_radius >= rigid.torus.major_radius
+        reverse = "a plane has no inside; reverse its normal instead"
+        yield from _refuse(
+            ("." in name, place, _DOT),
+            ("." not in name and name not in used, place, idle),
+            (many, place, f"needs exactly one of {', '.join(rigid.SHAPES)}"),
+            (rigid.inside and rigid.plane is not None, f"{place}.inside", reverse),
+            (
+                bool(thick),
+                f"{place}.torus.minor_radius",
+                "should be less than major_radius",
+            ),
+        )
+        moved, loaded = (v.components() if v else {} for v in (rigid.move, rigid.force))
+        yield from _twice(place, "move", "force", moved.keys() & loaded.keys())
 
 
-def check_remotes(scene: Scene, dim: int | None) -> Iterator[Mistake]:
+def _twice(
+    place: str, held: str, loaded: str, axes: Iterable[int]
+) -> Iterator[Mistake]:
+    """Components that are both prescribed and loaded."""
+    for k in axes:
+        yield Mistake(
+            f"{place}.{loaded}.{AXES[k]}",
+            f"remove it or {place}.{held}.{AXES[k]}: a component is either prescribed or "
+            "loaded",
+        )
+
+
+def _remotes(scene: Scene) -> Iterator[Mistake]:
     """Remote points."""
     for name, remote in scene.remote.items():
-        place = f"remote.{name}"
-        if "." in name:
-            yield Mistake(place, _DOT)
-        if name in scene.obstacle and scene.obstacle[name].force is not None:
-            yield Mistake(
-                place, "an obstacle with a force has this name; choose another name"
-            )
-        yield from _length(f"{place}.point", remote.point, dim)
-        if remote.within is not None:
-            yield from _within(f"{place}.within", remote.within, dim)
-        settings = remote.given()
-        if not settings:
-            yield Mistake(
-                place,
-                "needs move, turn, force or moment",
-            )
-        for key, numbers in settings.items():
-            yield from _axes(f"{place}.{key}", key, numbers, dim)
-        for held, loaded in (("move", "force"), ("turn", "moment")):
-            if remote.distributed and held in settings:
-                yield Mistake(
-                    f"{place}.{held}",
-                    "remove it, or distributed: a part that may deform has no prescribed motion",
-                )
-            for k in settings.get(held, {}).keys() & settings.get(loaded, {}).keys():
-                yield Mistake(
-                    f"{place}.{loaded}.{AXES[k]}",
-                    f"remove it or {place}.{held}.{AXES[k]}: "
-                    "a component is either prescribed or loaded",
-                )
+        place, settings = f"remote.{name}", remote.given()
+        rigid = scene.obstacle.get(name)
+        loaded = rigid is not None and rigid.force is not None
+        taken = "an obstacle with a force has this name; choose another name"
+        yield from _refuse(
+            ("." in name, place, _DOT),
+            (loaded, place, taken),
+            (not settings, place, "needs move, turn, force or moment"),
+        )
+        deforms = (
+            "remove it, or distributed: a part that may deform has no prescribed motion"
+        )
+        for held, load in (("move", "force"), ("turn", "moment")):
+            both = settings.get(held, {}).keys() & settings.get(load, {}).keys()
+            wrong = remote.distributed and held in settings
+            yield from _refuse((wrong, f"{place}.{held}", deforms))
+            yield from _twice(place, held, load, both)
 
 
-def check_bolts(
-    scene: Scene, known: Mapping[str, Known], dim: int | None
-) -> Iterator[Mistake]:
+def _bolts(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:
     """Sections of bolts, their steps and names."""
     count = scene.path.count()
     titles = [*scene.remote, *scene.obstacle]
@@ -499,124 +463,60 @@ def check_bolts(
         place = f"bolt.{i}"
         if bolt.plane is None:
             yield from _surface(known, f"{place}.section", bolt.section)
-        else:
-            if bolt.section not in scene.body:
-                yield _unknown(f"{place}.section", "body", bolt.section, scene.body)
-            yield from _length(f"{place}.plane.point", bolt.plane.point, dim)
-            yield from _length(f"{place}.plane.normal", bolt.plane.normal, dim)
+        elif bolt.section not in scene.body:
+            yield _unknown(f"{place}.section", "body", bolt.section, scene.body)
         first, last = bolt.step
-        if not first <= last <= count:
-            yield Mistake(
-                f"{place}.step",
-                f"is {bolt.step}, expected the first and the last load step that tighten the "
-                f"bolt, from 1 to {count}",
-            )
-        if bolt.title in titles:
-            yield Mistake(
-                f"{place}.name",
-                f"should be another name than {bolt.title!r}, which exists",
-            )
+        steps = (
+            f"is {bolt.step}, expected the first and the last load step that tighten the "
+            f"bolt, from 1 to {count}"
+        )
+        taken = f"should be another name than {bolt.title!r}, which exists"
+        yield from _refuse(
+            (not first <= last <= count, f"{place}.step", steps),
+            (bolt.title in titles, f"{place}.name", taken),
+        )
         titles.append(bolt.title)
 
 
-def _axes(
-    place: str, key: str, numbers: Mapping[int, object], dim: int | None
-) -> Iterator[Mistake]:
-    turning = key in ("turn", "moment")
-    if not numbers:
-        yield Mistake(
-            place, f"has no component, expected {'z' if turning else 'x, y or z'}"
-        )
-    if dim != 2:
-        return
-    for k in numbers:
-        if turning and k != 2:
-            yield Mistake(
-                f"{place}.{AXES[k]}", "remove it, in two dimensions the only axis is z"
-            )
-        elif not turning and k == 2:
-            yield Mistake(f"{place}.z", _IN_SPACE)
-
-
-def check_repetitions(scene: Scene, dim: int | None) -> Iterator[Mistake]:
-    """Cyclic symmetries and periodicities."""
-    for i, cyclic in enumerate(scene.cyclic):
-        place = f"cyclic.{i}"
-        yield from _length(f"{place}.about", cyclic.about, dim)
-        yield from _axis(f"{place}.axis", cyclic.axis, dim)
+def _repetitions(scene: Scene) -> Iterator[Mistake]:
+    """Cyclic symmetries and periodicities, and engines that do not take ties."""
     for kind in ("cyclic", "periodic"):
         for i, entry in enumerate(getattr(scene, kind)):
-            if entry.on == entry.onto:
-                yield Mistake(f"{kind}.{i}.onto", "should be another surface than on")
+            same, place = entry.on == entry.onto, f"{kind}.{i}.onto"
+            yield from _refuse((same, place, "should be another surface than on"))
     tied = scene.tied()
-    if tied is not None and scene.solver.engine == "petsc":
-        yield Mistake(
-            "solver.engine",
-            f"should not be 'petsc', which does not support {tied}; use "
-            "'auto', 'direct' or 'iterative'",
-        )
-
-
-def _torus(place: str, torus: Ring, dim: int | None) -> Iterator[Mistake]:
-    if dim == 2:
-        yield Mistake(
-            place,
-            "needs a scene of three dimensions",
-        )
-        return
-    yield from _length(f"{place}.centre", torus.centre, 3)
-    yield from _direction(f"{place}.axis", torus.axis, 3)
-    if torus.minor_radius >= torus.major_radius:
-        yield Mistake(f"{place}.minor_radius", "should be less than major_radius")
-
-
-def _axis(
-    place: str, axis: Sequence[float] | None, dim: int | None
-) -> Iterator[Mistake]:
-    if axis is None:
-        if dim == 3:
-            yield Mistake(place, "is missing", MistakeKind.MISSING_KEY)
-    elif dim == 2:
-        yield Mistake(place, "remove it, the scene has two dimensions")
-    else:
-        yield from _direction(place, axis, 3)
+    others = f"which does not support {tied}; use 'auto', 'direct' or 'iterative'"
+    wrong = tied is not None and scene.solver.engine == "petsc"
+    yield from _refuse((wrong, "solver.engine", f"should not be 'petsc', {others}"))
 
 
 def _friction(place: str, contact: Touch, dim: int) -> Iterator[Mistake]:
     mu, axis = contact.mu, contact.axis
     if not isinstance(mu, list):
-        if contact.dilatancy > mu:
-            yield Mistake(
-                f"{place}.dilatancy",
-                f"should be at most mu, which is {mu:g}, got {contact.dilatancy:g}",
-            )
-        if axis is not None:
-            yield Mistake(
-                f"{place}.axis",
-                "needs two numbers in mu, got one",
-            )
-        return
-    for key in ("cohesion", "dilatancy"):
-        if getattr(contact, key):
-            yield Mistake(f"{place}.{key}", "needs one number in mu, got two")
-    if dim == 2:
-        yield Mistake(
-            f"{place}.mu", "has two numbers, expected one: the scene has two dimensions"
+        most = f"should be at most mu, which is {mu:g}, got {contact.dilatancy:g}"
+        yield from _refuse(
+            (contact.dilatancy > mu, f"{place}.dilatancy", most),
+            (axis is not None, f"{place}.axis", "needs two numbers in mu, got one"),
         )
-    elif axis is None:
+        return
+    if dim == 3 and axis is None:
         yield Mistake(
             f"{place}.axis",
             "is missing; it is the direction of the first number of mu",
             MistakeKind.MISSING_KEY,
         )
-    elif not any(axis):
-        yield Mistake(f"{place}.axis", "should not be zero")
-    if not min(mu) * RATIO >= max(mu):
-        yield Mistake(
-            f"{place}.mu",
-            f"should be two positive numbers within a factor of {RATIO:g} of each other, "
-            f"or two zeros, got {mu}",
-        )
+    two = "has two numbers, expected one: the scene has two dimensions"
+    near = (
+        f"should be two positive numbers within a factor of {RATIO:g} of each other, or two "
+        f"zeros, got {mu}"
+    )
+    one = "needs one number in mu, got two"
+    yield from _refuse(
+        (contact.cohesion > 0, f"{place}.cohesion", one),
+        (contact.dilatancy > 0, f"{place}.dilatancy", one),
+        (dim == 2, f"{place}.mu", two),
+        (not min(mu) * RATIO >= max(mu), f"{place}.mu", near),
+    )
 
 
 def out_of_range(scene: Scene) -> Iterator[Mistake]:
@@ -648,19 +548,18 @@ def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[Mistake]
     # number and 4 for the column index.
     stiffness = nodes * dim * 3**dim * dim * 12
     path = 2 * 8 * nodes * dim * steps
-    if stiffness > memory:
-        yield Mistake(
-            f"body.{name}",
-            f"has {nodes} nodes, whose stiffness matrix takes {stiffness / 1e9:.3g} GB; "
-            f"this machine has {memory / 1e9:.3g} GB: use fewer cells",
-        )
-    elif path > memory:
-        yield Mistake(
-            "path",
-            f"has {steps} load steps of {nodes} nodes (body {name!r}), whose loads and "
-            f"displacements take {path / 1e9:.3g} GB; this machine has "
-            f"{memory / 1e9:.3g} GB: use fewer steps or cells",
-        )
+    has = f"this machine has {memory / 1e9:.3g} GB: use fewer"
+    dense = (
+        f"has {nodes} nodes, whose stiffness matrix takes {stiffness / 1e9:.3g} GB; "
+    )
+    long = (
+        f"has {steps} load steps of {nodes} nodes (body {name!r}), whose loads and "
+        f"displacements take {path / 1e9:.3g} GB; "
+    )
+    yield from _refuse(
+        (stiffness > memory, f"body.{name}", f"{dense}{has} cells"),
+        (stiffness <= memory < path, "path", f"{long}{has} steps or cells"),
+    )
 
 
 def _path(scene: Scene) -> Iterator[Mistake]:
@@ -696,48 +595,36 @@ def _path(scene: Scene) -> Iterator[Mistake]:
                 f"has {count_noun(len(amplitude.table), 'factor')} for "
                 f"{count_noun(count, 'step')}, expected one for each step",
             )
-        if name not in used:
-            yield Mistake(
-                place, "is not used; remove it, or name it in an amplitude key"
-            )
-    automatic = path.increments
-    if automatic is not None and not (
-        automatic.smallest
-        <= (automatic.first or automatic.largest)
-        <= automatic.largest
-    ):
-        yield Mistake(
-            "path.automatic",
-            "needs smallest <= first <= largest, got "
-            f"{automatic.smallest:g}, {automatic.first}, {automatic.largest:g}",
-        )
+        idle = "is not used; remove it, or name it in an amplitude key"
+        yield from _refuse((name not in used, place, idle))
+    plan = path.increments
+    if plan is not None:
+        first = plan.first or plan.largest
+        wrong = not plan.smallest <= first <= plan.largest
+        needs = f"{plan.smallest:g}, {plan.first}, {plan.largest:g}"
+        ordered = f"needs smallest <= first <= largest, got {needs}"
+        yield from _refuse((wrong, "path.automatic", ordered))
 
 
 def _wear(scene: Scene) -> Iterator[Mistake]:
-    wear, count = scene.wear, scene.path.count()
+    wear, count, solver = scene.wear, scene.path.count(), scene.solver
     if wear is None:
         return
-    if wear.steps is not None and wear.steps > count:
-        yield Mistake(
-            "wear.steps",
-            f"is {wear.steps}, but the path has only {count_noun(count, 'load step')}",
-        )
-    if scene.path.increments is not None:
-        yield Mistake("path.automatic", "remove it, wear repeats the given load steps")
-    if scene.solver.engine == "petsc":
-        yield Mistake(
-            "solver.engine", "should not be 'petsc', which does not compute wear"
-        )
-    for k, contact in enumerate(scene.contact):
-        for key in ("cohesion", "dilatancy"):
-            if getattr(contact, key):
-                yield Mistake(
-                    f"contact.{k}.{key}", "remove it, wear is not derived for it"
-                )
-    if isinstance(scene.solver.tol, str):
-        yield Mistake(
-            "solver.tol", f"should be a number for wear, got {scene.solver.tol!r}"
-        )
+    steps = f"is {wear.steps}, but the path has only {count_noun(count, 'load step')}"
+    given = "remove it, wear repeats the given load steps"
+    petsc = "should not be 'petsc', which does not compute wear"
+    tol = f"should be a number for wear, got {solver.tol!r}"
+    yield from _refuse(
+        ((wear.steps or 0) > count, "wear.steps", steps),
+        (scene.path.increments is not None, "path.automatic", given),
+        (solver.engine == "petsc", "solver.engine", petsc),
+        *(
+            (value > 0, f"contact.{k}.{key}", "remove it, wear is not derived for it")
+            for k, contact in enumerate(scene.contact)
+            for key, value in contact.model_dump(include=_LAW).items()
+        ),
+        (isinstance(solver.tol, str), "solver.tol", tol),
+    )
 
 
 def _no_amplitude(key: str, name: str, scene: Scene) -> Mistake:
