@@ -21,6 +21,7 @@ import numpy as np
 from bipot_rs._lib.text_files import real, whole, without
 from bipot_rs._lib.types import Ints
 from bipot_rs.mesh.content import Content
+from bipot_rs.mesh.kinds import FACETS, OF_VTK
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -45,20 +46,6 @@ _TYPES = (
 # Shells and membranes: they are not cells of a 2D body.
 _SHELL = re.compile(r"(?:S|M3D|SFM3D|R3D|STRI)\d+[A-Z]*")
 _NUMBER = re.compile(r"[+-]?[0-9]+")
-# Corners of the faces S1, S2, …
-_FACES = {
-    "triangle": "01 12 20",
-    "quad": "01 12 23 30",
-    "tetra": "012 031 132 230",
-    "hexahedron": "0123 4765 0451 1562 2673 3740",
-}
-_FACES |= {
-    "triangle6": _FACES["triangle"],
-    "quad8": _FACES["quad"],
-    "tetra10": _FACES["tetra"],
-    "hexahedron20": _FACES["hexahedron"],
-}
-
 
 # Keywords that create or move nodes or cells, so that the lists are not complete.
 _MAKING = {"SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
@@ -428,14 +415,14 @@ class Reader:
             for number in cells:
                 block, k = self.cell[number]
                 kind, nodes = self.blocks[block]
-                sides = _FACES.get(kind, "").split()
+                sides = FACETS[OF_VTK[kind].shape] if kind in OF_VTK else []
                 if not re.fullmatch(r"S[1-6]", label) or int(label[1]) > len(sides):
                     raise self._error(
                         line,
                         f"has face {label} of a {kind}, expected S1 to S{len(sides)}",
                     )
                 face = sides[int(label[1]) - 1]
-                faces.append(tuple(int(nodes[k, int(c)]) for c in face))
+                faces.append(tuple(nodes[k, list(face)].tolist()))
 
     def _generate_numbers(self, line: int, row: list[str]) -> range:
         """Numbers from a line "first, last, step" of *NSET or *ELSET with GENERATE."""

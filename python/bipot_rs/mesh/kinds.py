@@ -7,7 +7,7 @@ order starts without it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
@@ -34,6 +34,17 @@ _EDGES = {
         *[(i, (i + 1) % 4) for i in range(4)],
         *[(4 + i, 4 + (i + 1) % 4) for i in range(4)],
         *[(i, 4 + i) for i in range(4)],
+    ],
+}
+# Facets in the order of Abaqus; in space seen from inside.
+FACETS: dict[str, Sequence[tuple[int, ...]]] = {
+    "triangle": _EDGES["triangle"],
+    "quadrilateral": _EDGES["quadrilateral"],
+    "tetrahedron": [(0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)],
+    "hexahedron": [
+        (0, 1, 2, 3),
+        (4, 7, 6, 5),
+        *[(i, 4 + i, 4 + (i + 1) % 4, (i + 1) % 4) for i in range(4)],
     ],
 }
 # Further nodes of the elements of full second order.

@@ -12,10 +12,10 @@ from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.law.frames import find_step_frames
+from bipot_rs.mesh.kinds import OF_VTK
 from bipot_rs.plots import style
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
 from bipot_rs.plots.geometry.boundary_facets import (
-    corners_of,
     deformed_nodes,
     sharp_edges,
     skin,
@@ -250,7 +250,8 @@ def cells_in_plane(
     """Draw cells in 2D with equal scales, each in the colour of its value."""
     from matplotlib.collections import PolyCollection
 
-    corners = [c for kind, n in cells for c in places[corners_of(kind, n)]]
+    # Corners come first: pictures have straight edges.
+    corners = [c for kind, n in cells for c in places[n[:, : OF_VTK[kind].corners]]]
     image = PolyCollection(corners, array=values, lw=0, antialiased=False, **colours)
     # As an image: separate polygons would make a large file.
     image.set_rasterized(True)

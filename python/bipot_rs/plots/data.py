@@ -16,7 +16,6 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Solution, Step
-from bipot_rs.mortar.pairs import Pairs
 from bipot_rs.plots.geometry import triangles
 from bipot_rs.scene.units import find_inconsistency
 
@@ -142,13 +141,13 @@ def contacts_of(found: object, given: ContactsArgument | None) -> ContactData:
         return found.contacts if isinstance(found, Result) else {}
     if isinstance(given, Mapping):
         return given
-    if isinstance(given, Pairs):
-        stored = found.contacts if isinstance(found, Result) else {}
-        attributes = {
-            name: getattr(given, name) for name in ("frame", "area", "facets")
-        }
-        return {"mu": stored.get("mu"), "x": given.points, **attributes}
     model, _ = model_of(given)
+    if model is None and hasattr(given, "facets"):
+        # The `Pairs` of surfaces.
+        stored = found.contacts if isinstance(found, Result) else {}
+        names = {"x": "points", "frame": "frame", "area": "area", "facets": "facets"}
+        arrays = {name: getattr(given, there) for name, there in names.items()}
+        return {"mu": stored.get("mu"), **arrays}
     if model is None:
         expected = "a mapping with x, frame, area, mu, the Pairs, or the model"
         raise make_type_error("contacts", given, expected)

@@ -7,41 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.mesh.kinds import FACETS, OF_VTK
 from bipot_rs.plots.style import round_number
-
-# Facets of a cell, as indices of its corners in the order of VTK.
-_FACETS: dict[str, list[tuple[int, ...]]] = {
-    "triangle": [(0, 1), (1, 2), (2, 0)],
-    "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
-    "tetra": [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
-    "hexahedron": [
-        (0, 3, 2, 1),
-        (4, 5, 6, 7),
-        (0, 1, 5, 4),
-        (1, 2, 6, 5),
-        (2, 3, 7, 6),
-        (3, 0, 4, 7),
-    ],
-}
-
-
-# Number of corners. Cells of second order list their corners before their other nodes.
-_CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
-
-
-def corners_of(kind: str, nodes: Ints) -> Ints:
-    """Corners of cells of first or second order: pictures have straight edges."""
-    shape = _shape(kind)
-    if shape not in _CORNERS:
-        raise ValueError(
-            f"kind of cells is {kind!r}, expected one of {', '.join(_CORNERS)}"
-        )
-    return nodes[:, : _CORNERS[shape]]
-
-
-def _shape(kind: str) -> str:
-    """Name of the cell of first order with the same corners."""
-    return kind.rstrip("0123456789")
 
 
 def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
@@ -54,14 +21,15 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
     facets_of_bodies: list[tuple[Ints, Ints]] = []
     first = 0
     for kind, nodes in cells:
-        corners = corners_of(kind, nodes)
-        facets = np.concatenate([corners[:, list(f)] for f in _FACETS[_shape(kind)]])
+        # Reversed, they are seen from outside.
+        sides = FACETS[OF_VTK[kind].shape]
+        facets = np.concatenate([nodes[:, list(side[::-1])] for side in sides])
         _, at, count = np.unique(
             np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
         )
         outside = np.sort(at[count == 1])
-        facets_of_bodies.append((facets[outside], first + outside % len(corners)))
-        first += len(corners)
+        facets_of_bodies.append((facets[outside], first + outside % len(nodes)))
+        first += len(nodes)
     return facets_of_bodies
 
 
