@@ -25,8 +25,8 @@ from bipot_rs.files.fields import OF_STEPS, increasing, named_units
 
 Cells = Sequence[tuple[str, Integers]]
 Fields = Mapping[str, AnyArray]
-# What follows the head of a file of meshio.
-_GRID = b"<UnstructuredGrid>\n"
+# With this a file of meshio ends, in at most so many bytes.
+_END, _END_BYTES = b"</UnstructuredGrid>", 48
 
 
 def write_grid(
@@ -62,8 +62,11 @@ def write_grid(
     )
     # Compression takes longer than the rest of a load step with few contacts.
     meshio.vtu.write(path, grid, compression=None, header_type="UInt64")
-    content = path.read_bytes()
-    path.write_bytes(content.replace(_GRID, _GRID + _field_data(numbers, units), 1))
+    with path.open("r+b") as file:
+        file.seek(-_END_BYTES, os.SEEK_END)
+        end = file.read().rpartition(_END)[2]
+        file.seek(-len(_END + end), os.SEEK_END)
+        file.write(_field_data(numbers, units) + _END + end)
 
 
 def _as_stored(field: AnyArray) -> AnyArray:
