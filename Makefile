@@ -49,12 +49,15 @@ demo: $(STAMP) ## install, solve the scene sheared_cube, write table, picture an
 .PHONY: test
 test: checks $(STAMP) ## install, then every check: Rust, Python, types, documents
 	# A compilation ends on one core, and mypy never uses more.
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync=target rust-test python-checks
-	@$(MAKE) --no-print-directory python-test
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync=line rust-test python-all
 
 .PHONY: python-checks
 python-checks:
 	@$(MAKE) --no-print-directory python-lint types
+
+.PHONY: python-all
+python-all: python-checks
+	@$(MAKE) --no-print-directory python-test
 
 # The dependencies are those of `make demo`, compiled once; our own crate is compiled with
 # checks of overflow and assertions. clippy compiles it, so that linting costs nothing more.

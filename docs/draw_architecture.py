@@ -7,7 +7,7 @@ line of the layer's docstring. The width of an arrow grows with the number of im
 import ast
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from functools import cache
 from html import escape
 from pathlib import Path
 
@@ -28,13 +28,16 @@ def layers() -> list[str]:
     return [name for name in contract["layers"] if not name.startswith("__")]
 
 
-def imports(text: str) -> Iterator[tuple[str, list[str]]]:
+@cache
+def imports(text: str) -> list[tuple[str, list[str]]]:
     """Module and names of each import, those within functions included."""
+    found: list[tuple[str, list[str]]] = []
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            yield from ((alias.name, []) for alias in node.names)
+            found += ((alias.name, []) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            yield node.module or "", [alias.name for alias in node.names]
+            found.append((node.module or "", [alias.name for alias in node.names]))
+    return found
 
 
 def arrows(layers: list[str]) -> Counter[tuple[str, str]]:

@@ -47,6 +47,7 @@ def find_misses(
     ]
 
 
+@pytest.mark.slow_variants("0.6")
 @pytest.mark.parametrize("mu", [0.6, 0.25])
 def test_a_wall_is_solved_without_dense_motions(mu: float) -> None:
     """In any units, numbering and number of threads, in few Newton steps."""

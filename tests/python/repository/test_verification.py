@@ -42,7 +42,7 @@ def test_tractions_of_a_crack() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(REFINED))
-@pytest.mark.slow_variants("a10", "a13")
+@pytest.mark.slow_variants("a8", "a10", "a13")
 def test_refined_meshes(name: str) -> None:
     assert [table for table in REFINED[name](False) if not table.holds()] == []
 

@@ -268,7 +268,7 @@ def draw_path(seed: int) -> tuple[Array, Array, dict[str, Array], Array]:
 
 def test_contacts_break_and_lift_as_of_a_contact_problem() -> None:
     seen = np.zeros(3, np.int64)
-    for seed in range(60):
+    for seed in range(20):
         K, B, law, load = draw_path(seed)
         result = bp.ContactProblem(K, B, **law).solve(load, tol=1e-14)
         steps = Structure([K], (), Contacts(B, **law)).solve(load, tol=1e-13)
@@ -291,7 +291,7 @@ def test_contacts_break_and_lift_as_of_a_contact_problem() -> None:
             assert step.gap_contact <= 1e-14
         if other.broken is not None:
             seen[1:] += other.broken.sum(), (~other.broken).sum()
-    assert (seen > 20).all()
+    assert (seen > 6).all()
 
 
 @pytest.mark.parametrize("increments", [True, False])
@@ -318,7 +318,7 @@ def test_excess_of_steps_that_break_and_lift(increments: bool) -> None:
 def test_bifunctional_refuses_another_law_of_the_contacts(what: str) -> None:
     """The answer of contacts with c and β, by their own law and by one without."""
     shares = []
-    for seed in range(40):
+    for seed in range(15):
         K, B, law, load = draw_path(seed)
         structure = Structure([K], (), Contacts(B, **law))
         (step,) = structure.solve(load[:1], tol=1e-13)
@@ -332,7 +332,7 @@ def test_bifunctional_refuses_another_law_of_the_contacts(what: str) -> None:
         other = Structure([K], (), Contacts(B, **law))
         shares.append(measure_bifunctional(other, start, step, load[0]) / size)
     # Not where all are open or stick inside both laws.
-    assert (np.array(shares) > 1e-3).sum() >= 10
+    assert (np.array(shares) > 1e-3).sum() >= 4
     assert min(shares) > -1e-12
 
 

@@ -102,6 +102,7 @@ def test_a_load_above_the_limit_is_refused(method: str) -> None:
     assert len(copy.steps) == 3
 
 
+@pytest.mark.slow
 def test_between_the_limits_nothing_is_proved() -> None:
     # Above the limit of the own flow, below that of associated flow.
     structure, load = block(0.2)

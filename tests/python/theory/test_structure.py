@@ -229,6 +229,7 @@ def pressed(
     return structure, structure.solve(None, moved, method=method, tol=1e-10)
 
 
+@pytest.mark.quick_variants("triangle-0.2", "*-0.5")
 @pytest.mark.parametrize("beta", [0.0, 0.2, 0.5])
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_both_methods_agree(cell: str, beta: float) -> None:

@@ -16,6 +16,7 @@ def solved(problem: dict[str, Any], load: Any, engine: str, **more: Any) -> bp.R
     return bp.ContactProblem(**problem, engine=engine, **more).solve(load, tol=1e-12)
 
 
+@pytest.mark.slow_variants("all-3", "groove-3")
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("kind", CLASSES)
 def test_both_engines_agree(kind: str, dim: int) -> None:
@@ -110,6 +111,7 @@ def test_components_first_and_other_units_do_not_matter() -> None:
 
 
 # Krylov iterations: 621 and 1942, and a third more for other machines.
+@pytest.mark.slow_variants("False-*")
 @pytest.mark.parametrize(("symmetric", "most"), [(True, 830), (False, 2600)])
 def test_a_lap_joint_takes_few_iterations(symmetric: bool, most: int) -> None:
     """A plane of symmetry needs no multipliers; with them the work is a few times as much."""

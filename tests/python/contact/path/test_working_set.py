@@ -114,7 +114,7 @@ def test_a_body_held_by_contact_alone(dim: int, cells: int) -> None:
 
 
 def test_a_sliding_body_is_reported() -> None:
-    body, gap = indented(2, 320, radius=1.0)
+    body, gap = indented(2, 160, radius=1.0)
     pulled = body.weight([0.0, 1.0])
     for grow in (True, False):
         problem = bp.ContactProblem(body.K, body.B, gap=gap, mu=0.4, working_set=grow)

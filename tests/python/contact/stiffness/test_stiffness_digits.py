@@ -873,6 +873,7 @@ def check_restored(seed: int, finer: int = 0) -> None:
     assert np.linalg.norm(moved - least) <= bound, seed
 
 
+@pytest.mark.slow_variants("10", "15", "16")
 @pytest.mark.parametrize("seed", range(25))
 def test_restored_by_the_least_change(seed: int) -> None:
     check_restored(seed)
