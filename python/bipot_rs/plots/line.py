@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -315,7 +314,13 @@ def strips(ax: Axes, lines: list[tuple[str, Places]], status: Integers) -> None:
     low, top = ax.get_ylim()
     ax.set_ylim(low - (0.03 + high * len(lines)) * (top - low), top)
     for k, (_, line) in enumerate(lines):
-        _strip(ax, line.s, status[line.order], (k * high, (k + 1) * high))
+        ax.pcolormesh(
+            _edges(line.s),
+            [k * high, (k + 1) * high],
+            status[None, line.order],
+            transform=ax.get_xaxis_transform(),
+            **style.status_colours(),
+        )
         if len(lines) > 1:
             ax.plot(
                 [line.s[0], line.s[-1]],
@@ -329,23 +334,3 @@ def strips(ax: Axes, lines: list[tuple[str, Places]], status: Integers) -> None:
     last = max(line.s[-1] for _, line in lines)
     if last > first:
         ax.set_xlim(first, last)
-
-
-def _strip(ax: Axes, s: Floats, status: Integers, rows: tuple[float, float]) -> None:
-    from matplotlib.collections import PolyCollection
-
-    low, high = rows
-    corners = [
-        [(a, low), (b, low), (b, high), (a, high)] for a, b in pairwise(_edges(s))
-    ]
-    colours = style.status_colours()
-    strip = PolyCollection(
-        corners,
-        array=status.astype(float),
-        cmap=colours["cmap"],
-        clim=(colours["vmin"], colours["vmax"]),
-        transform=ax.get_xaxis_transform(),
-        lw=0,
-        antialiased=False,
-    )
-    ax.add_collection(strip, autolim=False)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import bipot_rs.plots.study
+from bipot_rs.cli.study import picture
 from bipot_rs.cli.study.folder import write, write_record
 from bipot_rs.cli.study.plan import StudyRecord
 
@@ -47,13 +47,13 @@ def made(
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The axes of every picture of a study."""
     drawn_axes: list[Any] = []
-    original = bipot_rs.plots.study.study
+    original = picture.style.axes_of
 
-    def study(*arguments: Any, **more: Any) -> Any:
-        drawn_axes.append(original(*arguments, **more))
+    def axes_of(*arguments: Any) -> Any:
+        drawn_axes.append(original(*arguments))
         return drawn_axes[-1]
 
-    monkeypatch.setattr(bipot_rs.plots.study, "study", study)
+    monkeypatch.setattr(picture.style, "axes_of", axes_of)
     return drawn_axes
 
 

@@ -124,7 +124,7 @@ def test_tractions_are_those_of_the_result(line: Any) -> None:
     np.testing.assert_array_equal(curves["shear"][:, 1], traction[:, 1])
     np.testing.assert_array_equal(curves["±μ × pressure"][:, 1], 0.3 * traction[:, 0])
     (strip,) = (c for c in ax.collections if c.get_array() is not None)
-    np.testing.assert_array_equal(strip.get_array(), result.status[-1][order])
+    np.testing.assert_array_equal(np.ravel(strip.get_array()), result.status[-1][order])
     texts = [t.get_text() for t in ax.get_legend().get_texts()]
     assert f"slip ({int(np.sum(result.status[-1] == 1))})" in texts
     # Above the curves, as the strip is below.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +16,15 @@ from bipot_rs.cli.run.output_folder import SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study.folder import OUTCOME_OF, PRESSURE, read, read_record
 from bipot_rs.cli.study.report import group_rows
 from bipot_rs.contact.results.tables import COMPONENTS, FORCES, MOMENTS, TORQUE
+from bipot_rs.plots import style
 
 if TYPE_CHECKING:
-    from bipot_rs.plots.study import StudySeries
+    from matplotlib.axes import Axes
 
+    from bipot_rs._lib.types import Bools, Floats
+
+# Marks of series; with more of them, a colour bar shows their numbers.
+_MARKS = ("o", "s", "^", "D", "v", "P")
 # Columns that are no numbers.
 _TEXTS = ("outcome", "message", "digest")
 
@@ -34,8 +38,6 @@ def draw(
     sweep, and a sentence about rows without values, or "".
     """
     from bipot_rs.files.drafts import writing
-    from bipot_rs.plots.study import study
-    from bipot_rs.plots.style import figure_of
 
     folder = path if path.is_dir() else path.parent
     keys, rows = read(folder / SWEEP)
@@ -57,32 +59,91 @@ def draw(
     if across not in keys and varied:
         # Rows of one series must differ in something.
         varied.remove(max(varied, key=lambda key: len({row[key] for row in drawn})))
+    series: dict[str, list[Mapping[str, str]]] = {}
+    for row in drawn:
+        series.setdefault(", ".join(row[key] for key in varied), []).append(row)
     title, units = "", {}
     # Tables of earlier versions have no record.
     if (folder / SWEEP_RECORD).exists():
         record = read_record(folder)
         title, units = record.title, record.units
-    ax = study(
-        _series(folder / SWEEP, drawn, across, up, varied),
-        *((_words(name, columns), _unit(name, units)) for name in (across, up)),
-        parameter=", ".join(varied),
-        # Otherwise the rows of a series have no order.
-        lines=across in keys,
-    )
+    ax = style.axes_of(None)
+    columns_drawn = _read_columns(folder / SWEEP, series, (across, up))
+    # Without a key along the axis, the rows of a series have no order.
+    _draw_series(columns_drawn, ", ".join(varied), ax, joined=across in keys)
+    style.name_axis(ax.xaxis, _words(across, columns), _unit(across, units))
+    style.name_axis(ax.yaxis, _words(up, columns), _unit(up, units))
     if absent:
         many = f"{len(absent)} of {count_noun(len(rows), 'row')} without value"
         title = f"{title}\n{many}" if title else many
-    figure_of(ax).suptitle(title, fontsize="medium")
+    style.figure_of(ax).suptitle(title, fontsize="medium")
     name = re.sub(r"\W+", "_", f"{y}_over_{x}")
     target = folder / f"{name}.png" if out is None else out
     try:
         with writing(target):
-            figure_of(ax).savefig(target, dpi=150, bbox_inches="tight")
+            style.figure_of(ax).savefig(target, dpi=150, bbox_inches="tight")
     except ValueError as error:
         raise ValueError(f"cannot draw {target}: {error}") from error
     rows_left = group_rows((int(row["row"]), row["outcome"]) for row in absent)
     said = f"left out, without {across} or {up}: {rows_left}" if absent else ""
     return target, said
+
+
+def _read_columns(
+    path: Path,
+    series: Mapping[str, Sequence[Mapping[str, str]]],
+    columns: tuple[str, str],
+) -> dict[str, tuple[Floats, Bools]]:
+    """Points ``(m, 2)`` of each series, and which of them are solved to the end."""
+    return {
+        name: (
+            np.array([[_number(path, row, c) for c in columns] for row in rows]),
+            np.array([row["outcome"] == OUTCOME_OF[SOLVED] for row in rows]),
+        )
+        for name, rows in series.items()
+    }
+
+
+def _draw_series(
+    series: Mapping[str, tuple[Floats, Bools]],
+    parameter: str,
+    ax: Axes,
+    *,
+    joined: bool,
+) -> None:
+    """Draw the series with one colour each; crosses are rows not solved to the end."""
+    from matplotlib.lines import Line2D
+
+    few = len(series) <= len(_MARKS)
+    colours: list[Any] = [style.cycle(k) for k in range(len(series))]
+    if not few:
+        try:
+            numbers = np.array([real(name) for name in series])
+            scale = style.scale_of(style.shades(), numbers.min(), numbers.max())
+            style.colour_bar(scale, ax, parameter, None)
+            parameter = ""
+        except ValueError:
+            numbers = np.arange(len(series))
+            scale = style.scale_of(style.shades(), 0, len(series) - 1)
+            parameter = f"{len(series)} combinations of {parameter}"
+        colours = list(scale.to_rgba(numbers))
+    handles = []
+    for k, (name, (points, solved)) in enumerate(series.items()):
+        order = np.flatnonzero(solved)[np.argsort(points[solved, 0], kind="stable")]
+        look: style.LineStyle = {"color": colours[k], "lw": 1.4, "ms": 4}
+        look |= {"marker": _MARKS[k] if few else "o", "ls": "-" if joined else "none"}
+        handles += ax.plot(*points[order].T, label=name, **look)
+        ax.plot(*points[~solved].T, "x", ms=7, mew=1.6, color=colours[k])
+    if not few or len(series) == 1:
+        handles = []
+    if not all(solved.all() for _, solved in series.values()):
+        label = "not solved to the end: last solved load step"
+        cross: style.LineStyle = {"color": style.QUIET, "ls": "none", "marker": "x"}
+        handles.append(Line2D([], [], label=label, **cross))
+    style.bare(ax)
+    if handles or parameter:
+        # The entry of the crosses is as wide as three others.
+        style.legend_above(ax, title=parameter, handles=handles, ncols=2)
 
 
 def _column(option: str, text: str, keys: Sequence[str], columns: Sequence[str]) -> str:
@@ -113,37 +174,6 @@ def _number(path: Path, row: Mapping[str, str], name: str) -> float:
         ) from None
 
 
-def _series(
-    path: Path,
-    rows: Sequence[Mapping[str, str]],
-    x: str,
-    y: str,
-    varied: Sequence[str],
-) -> list[StudySeries]:
-    """The rows, one series for each combination of the other varied keys."""
-    from bipot_rs.plots.study import StudySeries
-
-    groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[key] for key in varied), []).append(row)
-    series = []
-    for values, members in groups.items():
-        number = None
-        if len(values) == 1:
-            with suppress(ValueError):
-                number = real(values[0])
-        series.append(
-            StudySeries(
-                ", ".join(values),
-                np.array([_number(path, row, x) for row in members]),
-                np.array([_number(path, row, y) for row in members]),
-                np.array([row["outcome"] != OUTCOME_OF[SOLVED] for row in members]),
-                number,
-            )
-        )
-    return series
-
-
 def _words(name: str, columns: Sequence[str]) -> str:
     """Label of an axis; a surface is named if there are several."""
     kind, of, surface = name.partition(" of ")
@@ -155,11 +185,9 @@ def _words(name: str, columns: Sequence[str]) -> str:
 
 
 def _unit(name: str, units: Mapping[str, str]) -> str | None:
-    from bipot_rs.plots.style import stress_unit
-
     kind = name.partition(" of ")[0]
     if kind == PRESSURE:
-        return stress_unit(units)
+        return style.stress_unit(units)
     if kind in (*FORCES[:2], *COMPONENTS):
         return units.get("force")
     if kind in (*MOMENTS, TORQUE):
