@@ -142,7 +142,7 @@ def _common(
 
 def _ranges(ax: Axes) -> list[tuple[float, float]]:
     """Ranges of the values in a picture: of its colours, else of its lines."""
-    bars = [it for it in (*ax.images, *ax.collections) if it.colorbar is not None]
+    bars = [it for it in ax.collections if it.colorbar is not None]
     if bars:
         return [it.get_clim() for it in bars]
     low, high = ax.dataLim.intervaly

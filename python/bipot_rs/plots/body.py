@@ -248,11 +248,21 @@ def cells_in_plane(
     **colours: Unpack[style.Colours],
 ) -> PolyCollection:
     """Draw cells in 2D with equal scales, each in the colour of its value."""
-    from matplotlib.collections import PolyCollection
-
     # Corners come first: pictures have straight edges.
     corners = [c for kind, n in cells for c in places[n[:, : OF_VTK[kind].corners]]]
-    image = PolyCollection(corners, array=values, lw=0, antialiased=False, **colours)
+    return polygons_in_plane(corners, values, ax, **colours)
+
+
+def polygons_in_plane(
+    polygons: Sequence[Floats],
+    values: Floats,
+    ax: Axes,
+    **colours: Unpack[style.Colours],
+) -> PolyCollection:
+    """Draw polygons in 2D with equal scales, each in the colour of its value."""
+    from matplotlib.collections import PolyCollection
+
+    image = PolyCollection(polygons, array=values, lw=0, antialiased=False, **colours)
     # As an image: separate polygons would make a large file.
     image.set_rasterized(True)
     ax.add_collection(image)

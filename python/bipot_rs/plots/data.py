@@ -94,11 +94,18 @@ class DrawnContacts:
             patches = x[kept], number[of[kept]], weight[kept]
         return replace(self, **cut, facets=facets, patches=patches)
 
-    def spread(self, values: Floats) -> tuple[Floats, Floats, Ints]:
-        """Places and values of the contacts and the corners of patches; these triangles."""
+    def spread(
+        self, values: Floats, *, nearest: bool = False
+    ) -> tuple[Floats, Floats, Ints]:
+        """Places and values of the contacts and the corners of patches; these triangles.
+
+        A corner has the mean of some contacts, or the value of the ``nearest`` of them.
+        """
         if self.patches is None:
             return self.x, values, np.empty((0, 3), np.int64)
         x, of, weight = self.patches
+        if nearest:
+            weight = np.eye(weight.shape[2])[weight.argmax(axis=2)]
         at = np.sum(weight * values[of], axis=2).ravel()
         places = np.concatenate([self.x, x.reshape(-1, 3)])
         corners = np.arange(len(self.x), len(places)).reshape(-1, 3)

@@ -20,12 +20,20 @@ from bipot_rs.plots.data import (
     look,
     selection,
 )
+from bipot_rs.plots.geometry.triangles import halve
 from bipot_rs.plots.line import lines_of, mark_of, strips
-from bipot_rs.plots.surface import beyond, finish, is_line, paint, plane_of, span
+from bipot_rs.plots.surface import (
+    beyond,
+    finish,
+    is_line,
+    mesh_of,
+    paint,
+    plane_of,
+    span,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.image import AxesImage
     from matplotlib.lines import Line2D
 
 QUANTITIES = ("mu", "gap")
@@ -171,8 +179,18 @@ def _draw_map(
     if is_line(uv):
         raise ValueError('the contacts lie on a line: pass along="arc" or a direction')
     _, largest, _ = span(np.abs(values), "", seen.area)
-    image = paint(seen, uv, values, ax, cmap=_COLOURS, vmin=-largest, vmax=largest)
-    _contours(image, largest, ax)
+    colours = style.map_colours(_COLOURS, -largest, largest)
+    image = paint(seen, uv, values, ax, **colours)
+    # Lines at thirds of the range, dashed if negative: in grey both signs are dark.
+    places, spread, parts = mesh_of(seen, uv, values)
+    levels = largest * np.array([-2.0, -1.0, 1.0, 2.0]) / 3
+    levels = levels[(levels > values.min()) & (levels < values.max())]
+    if levels.size:
+        from matplotlib.tri import Triangulation
+
+        triangles = Triangulation(places[:, 0], places[:, 1], halve(parts))
+        look = {"colors": "black", "linewidths": 0.6, "negative_linestyles": "--"}
+        ax.tricontour(triangles, spread, levels, **look)
     _rings(ax, uv[:, 0], uv[:, 1], marked)
     if not values.any():
         style.say(ax, "no contact changes the number")
@@ -182,22 +200,6 @@ def _draw_map(
         style.legend_above(ax, handles=_legend(marked), title=seen.said)
     else:
         style.note(ax, seen.said)
-
-
-def _contours(image: AxesImage, largest: float, ax: Axes) -> None:
-    """Draw lines at thirds of the range, dashed if negative: in grey both signs are dark."""
-    values = np.ma.masked_invalid(np.asanyarray(image.get_array()))
-    levels = largest * np.array([-2.0, -1.0, 1.0, 2.0]) / 3
-    levels = levels[(levels > values.min()) & (levels < values.max())]
-    if levels.size:
-        ax.contour(
-            values,
-            levels,
-            extent=image.get_extent(),
-            negative_linestyles="--",
-            colors="black",
-            linewidths=0.6,
-        )
 
 
 def _rings(ax: Axes, x: Floats, y: Floats, marked: Bools) -> None:

@@ -25,7 +25,7 @@ from bipot_rs.plots.data import (
     model_of,
 )
 from bipot_rs.plots.geometry.boundary_facets import sharp_edges
-from bipot_rs.plots.geometry.triangles import corners, pieces
+from bipot_rs.plots.geometry.triangles import corners, cut
 from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, is_plane, span, values_of
 
@@ -127,18 +127,13 @@ def _values(
     return values, name, unit, span(values, quantity, seen.area, limits)
 
 
-def _polygons(seen: DrawnContacts, values: Floats) -> tuple[Floats, Floats, list[Ints]]:
+def _polygons(
+    seen: DrawnContacts, values: Floats, *, nearest: bool
+) -> tuple[Floats, Floats, list[Ints]]:
     """Places, values, and corners of facets, ``(m, 3)`` and ``(m, 4)``; [] if unknown."""
-    x, spread, patches = seen.spread(values)
+    x, spread, patches = seen.spread(values, nearest=nearest)
     parts = [] if seen.facets is None else corners(seen.facets)
     return x, spread, parts if seen.patches is None else [*parts, patches]
-
-
-def _zones(seen: DrawnContacts, parts: list[Ints]) -> Floats:
-    """Status of each facet: the median of its contacts, ordered open, slip, stick."""
-    if seen.patches is not None:
-        parts = [*parts[:-1], seen.patches[1][:, 0]]
-    return np.concatenate([np.median(seen.status[k], axis=1).round() for k in parts])
 
 
 def draw_space(
@@ -156,26 +151,18 @@ def draw_space(
     ``model``: the `fem.Assembly` whose outline is drawn; None for none.
     ``below``: whether the colour bar is below the axes.
     """
-    from matplotlib.colors import Normalize
-
     values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
-    x, spread, parts = _polygons(seen, values)
+    x, spread, parts = _polygons(seen, values, nearest=quantity == "status")
     nothing = not values.any()
-    colours: style.Colours = {"norm": Normalize(low, high), "cmap": "viridis"}
+    colours = style.map_colours("viridis", low, high)
     if quantity == "status":
         colours["cmap"] = style.status_colours()["cmap"]
     elif nothing and limits is None:
         colours["cmap"] = style.blank()
     image: Any = None
-    if parts and quantity == "status":
-        polygons = [polygon for corners in parts for polygon in x[corners]]
-        image = facets_in_space(polygons, _zones(seen, parts), ax, **colours)
-    elif parts:
-        most = _PIECES // len(parts)
-        cut = [pieces(x[c], spread[c], most) for c in parts]
-        polygons = [polygon for part, _ in cut for polygon in part]
+    if parts:
+        polygons, at = cut(x, spread, parts, _PIECES, nearest=quantity == "status")
         smooth: style.FacetStyle = {**colours, "lw": 0.0, "edgecolor": "none"}
-        at = np.concatenate([centres for _, centres in cut])
         image = facets_in_space(polygons, at, ax, **smooth)
         # Without seams between the pieces.
         image.set_antialiased(False)
@@ -246,7 +233,7 @@ def _pyvista(
         plotter = pv.Plotter(off_screen=True, window_size=(1000, 800))
     values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
     name = style.label(name, unit)
-    x, spread, parts = _polygons(seen, values)
+    x, spread, parts = _polygons(seen, values, nearest=quantity == "status")
     if not parts:
         raise ValueError(
             "the facets of the contacts are not known: pass the model, or contacts= with "
@@ -257,7 +244,8 @@ def _pyvista(
     surface = pv.PolyData(x, faces=np.concatenate(faces))
     look = {"clim": (low, high), "show_edges": True, "lighting": False}
     if quantity == "status":
-        surface.cell_data[name] = _zones(seen, parts)
+        zones = [np.median(spread[part], axis=1).round() for part in parts]
+        surface.cell_data[name] = np.concatenate(zones)
         colours = list(style.COLOURS)
         plotter.add_mesh(
             surface, scalars=name, cmap=colours, show_scalar_bar=False, **look

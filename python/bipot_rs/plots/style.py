@@ -59,8 +59,6 @@ class Colours(TypedDict, total=False):
 
     cmap: str | Colormap
     norm: Normalize
-    vmin: float
-    vmax: float
 
 
 class FacetStyle(Colours, total=False):
@@ -229,9 +227,15 @@ def colour_bar(
 def scale_of(colours: str | Colormap, low: float, high: float) -> ScalarMappable:
     """Colours of a bar without a picture in these colours."""
     from matplotlib.cm import ScalarMappable
+
+    return ScalarMappable(**map_colours(colours, low, high))
+
+
+def map_colours(colours: str | Colormap, low: float, high: float) -> Colours:
+    """Keyword arguments of matplotlib that map values from low to high to colours."""
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(low, high), colours)
+    return {"cmap": colours, "norm": Normalize(low, high)}
 
 
 def shades() -> ListedColormap:
@@ -335,7 +339,7 @@ def status_colours() -> Colours:
     """Keyword arguments of matplotlib that map statuses to colours."""
     from matplotlib.colors import ListedColormap
 
-    return {"cmap": ListedColormap(COLOURS), "vmin": 0, "vmax": 2}
+    return map_colours(ListedColormap(COLOURS), 0, 2)
 
 
 def bare(ax: Axes) -> None:

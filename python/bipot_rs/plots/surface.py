@@ -12,6 +12,7 @@ from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style
+from bipot_rs.plots.body import polygons_in_plane
 from bipot_rs.plots.data import (
     ContactsArgument,
     DrawnContacts,
@@ -20,8 +21,7 @@ from bipot_rs.plots.data import (
     selection,
     steps_of,
 )
-from bipot_rs.plots.geometry.raster import Raster
-from bipot_rs.plots.geometry.triangles import of_points, split
+from bipot_rs.plots.geometry.triangles import cut, of_points, polygons
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
-    from matplotlib.image import AxesImage
+    from matplotlib.collections import PolyCollection
     from matplotlib.quiver import Quiver
 
 # Quantities of `surface_map`: label and kind of unit.
@@ -51,6 +51,8 @@ _TOUCHES = 1e-12
 # Share of the area whose values lie within the range of colours. Of the nodes it would be
 # another range on a mesh that is refined at an edge.
 _SPAN = 0.98
+# About the largest number of pieces of a map.
+_PIECES = 40_000
 # Number of arrows across the surface.
 _ARROWS = 14
 
@@ -129,10 +131,11 @@ def draw_map(
     if nothing:
         style.say(ax, NOTHING[quantity])
     if nothing and limits is None:
-        paint(seen, uv, values, ax, cmap=style.blank())
+        paint(seen, uv, values, ax, **style.map_colours(style.blank(), 0, 1))
     else:
         low, high, extend = span(values, quantity, seen.area, limits)
-        image = paint(seen, uv, values, ax, cmap="viridis", vmin=low, vmax=high)
+        colours = style.map_colours("viridis", low, high)
+        image = paint(seen, uv, values, ax, **colours)
         if vector is not None:
             _arrows(seen, uv, vector, ax, color="white", **style.RIM)
     finish(seen, uv, names, ax)
@@ -148,42 +151,32 @@ def paint(
     uv: Floats,
     values: Floats,
     ax: Axes,
+    *,
+    nearest: bool = False,
     **colours: Unpack[style.Colours],
-) -> AxesImage:
-    """Draw values at the contacts ``(n_c,)``, interpolated on the surface.
+) -> PolyCollection:
+    """Draw values at the contacts ``(n_c,)``, interpolated on the surface in small pieces.
 
-    Contacts on no facet are dots.
+    Shading by the colours of corners would mix colours that are not on the colour bar.
+    ``nearest`` draws the values of the nearest contacts. Contacts on no facet are dots.
     """
-    places, spread, corners = _mesh(seen, uv, values)
-    raster = Raster.around(places)
-    image = raster.interpolate(places, corners, spread)
-    image_drawn = raster.show(image, ax, **colours)
-    _dots(seen, uv, values, ax, **colours)
-    return image_drawn
-
-
-def _dots(
-    seen: DrawnContacts,
-    uv: Floats,
-    values: Floats,
-    ax: Axes,
-    **colours: Unpack[style.Colours],
-) -> None:
-    if seen.facets is not None and seen.isolated.size:
+    places, spread, parts = mesh_of(seen, uv, values, nearest=nearest)
+    drawn, at = cut(places, spread, parts, _PIECES, nearest=nearest)
+    if seen.facets is not None or not parts:
         u, v = uv[seen.isolated].T
-        at = values[seen.isolated]
-        ax.scatter(u, v, c=at, s=9, lw=0, zorder=2, **colours)
+        at_dots = values[seen.isolated]
+        ax.scatter(u, v, s=9, c=at_dots, lw=0, zorder=2, **colours)
+    return polygons_in_plane(drawn, at, ax, **colours)
 
 
-def _mesh(
-    seen: DrawnContacts, uv: Floats, values: Floats
-) -> tuple[Floats, Floats, Ints]:
-    """Places, values and triangles: of the facets if these are known, else of the points."""
+def mesh_of(
+    seen: DrawnContacts, uv: Floats, values: Floats, *, nearest: bool = False
+) -> tuple[Floats, Floats, list[Ints]]:
+    """Places, values and polygons: of the facets if these are known, else of the points."""
     if seen.facets is None:
-        return uv, values, of_points(uv, seen.area)
-    x, spread, patches = seen.spread(values)
-    corners = np.concatenate([split(seen.facets), patches])
-    return x @ tangents(seen)[0].T, spread, corners
+        return uv, values, [] if is_line(uv) else [of_points(uv, seen.area)]
+    x, spread, patches = seen.spread(values, nearest=nearest)
+    return x @ tangents(seen)[0].T, spread, [*polygons(seen.facets), patches]
 
 
 def values_of(seen: DrawnContacts, quantity: str) -> tuple[Floats, str, str | None]:
@@ -253,7 +246,7 @@ def status_map(
 ) -> Axes:
     """Map of the contact status.
 
-    In 3D: the flat surface at one step, each point in the colour of the nearest contact.
+    In 3D: the flat surface at one step, each point in the colour of a near contact.
     In 2D: the contact line over the load path, one row for each step.
 
     Parameters
@@ -284,23 +277,9 @@ def status_map(
 
 def draw_status(seen: DrawnContacts, ax: Axes) -> Axes:
     """Draw `status_map` of a surface into existing axes."""
-    from scipy.spatial import cKDTree
-
     uv, names = plane_of(seen)
-    places, status, corners = uv, seen.status.astype(float), None
-    if not is_line(uv):
-        places, status, corners = _mesh(seen, uv, status)
-    raster, known = Raster.around(places), np.ones(len(places), np.bool_)
-    if seen.patches is not None:
-        # Of their corners only those at contacts and images of contacts.
-        known[len(uv) :] = seen.patches[2].max(axis=2).ravel() > 1 - _PLANE
-    nearest = cKDTree(places[known]).query(raster.places)[1]
-    image = status[known][nearest].round()
-    if corners is not None:
-        inside = raster.interpolate(places, corners, status)
-        image[np.isnan(inside)] = np.nan
-        _dots(seen, uv, status[: len(uv)], ax, **style.status_colours())
-    raster.show(image, ax, **style.status_colours())
+    status = seen.status.astype(float)
+    paint(seen, uv, status, ax, nearest=True, **style.status_colours())
     zones = style.status_handles(seen.status)
     style.legend_above(ax, handles=zones, title=seen.said)
     finish(seen, uv, names, ax)

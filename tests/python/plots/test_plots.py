@@ -14,13 +14,15 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from scipy import sparse
+from scipy.interpolate import RegularGridInterpolator
+from scipy.spatial import cKDTree
 
 import bipot_rs as bp
 from bipot_rs import fem, plots, scene
 from bipot_rs.fem.bodies.stress_recovery import stress, von_mises
 from bipot_rs.fem.contact_surface import contact_surface
 from bipot_rs.plots import style
-from bipot_rs.plots.geometry import raster, triangles
+from bipot_rs.plots.geometry import triangles
 from bipot_rs.plots.geometry.boundary_facets import sharp_edges, skin
 from bipot_rs.plots.surface import span
 from support.layout import overlaps
@@ -249,29 +251,21 @@ def test_maps_are_those_of_the_result(cube: Any, quantity: str) -> None:
         "gap": (np.where(last.status == 0, last.relative_displacement[:, 0], 0), "gap"),
     }
     ax = plots.surface_map(result, quantity, arrows=False)
-    # On the square of 100 mm, in the rectangles of its mesh.
+    # On the square of 100 mm, in the rectangles of its mesh, each of two triangles.
     values = np.zeros((8, 8))
     at = np.rint(model.points[:, :2] / (100 / 7)).astype(int)
-    values[at[:, 1], at[:, 0]] = exact[quantity][0]
-    image = shown(ax)
-    rows, columns = image.shape
-    y, x = (np.arange(n) + 0.5 for n in (rows, columns))
-    # A pixel is between the least and the largest value of its rectangle.
-    i, j = (y * 7 / rows).astype(int)[:, None], (x * 7 / columns).astype(int)
-    near = np.stack([values[i + k, j + m] for k in (0, 1) for m in (0, 1)])
-    assert (image >= near.min(axis=0)).all()
-    assert (image <= near.max(axis=0)).all()
-    # Along the middle of the cells' edges interpolation is linear between two nodes.
+    values[at[:, 0], at[:, 1]] = exact[quantity][0]
+    polygons, shown = pieces_of(ax)
+    assert area_of(polygons) == pytest.approx(100.0**2, rel=1e-9)
+    # The mean of the corners is not the value at the centre of the collapsed pieces.
     grid = np.arange(8) * 100 / 7
-    (source,) = ax.images
-    left, right, low, high = source.get_extent()
-    assert (left, right, low, high) == pytest.approx((0, 100, 0, 100), rel=1e-12)
-    bottom = np.interp(100 * x / columns, grid, values[0])
-    # Half a pixel above the edge: the change over the height of a cell is 86 pixels.
-    slope = (
-        np.abs(np.diff(values, axis=0)).max() + np.abs(np.diff(values, axis=1)).max()
+    whole = RegularGridInterpolator((grid, grid), values)(polygons.mean(axis=1))
+    slope = np.abs(np.diff(values, axis=0)).max() + np.abs(np.diff(values)).max()
+    assert np.abs(shown - whole).max() <= 0.3 * slope + 1e-15
+    assert (values.min(), values.max()) == (
+        pytest.approx(shown.min(), abs=0.2 * slope),
+        pytest.approx(shown.max(), abs=0.2 * slope),
     )
-    assert np.abs(image[0] - bottom).max() <= slope * 3.5 / rows + 1e-15
     assert ax.get_xlabel() == "x [mm]"
     if quantity == "gap":
         # All contacts are closed: a text says so, and no colour bar is needed.
@@ -283,10 +277,17 @@ def test_maps_are_those_of_the_result(cube: Any, quantity: str) -> None:
     assert ax.get_title("left") == "load step 2 of 2"
 
 
-def shown(ax: Any) -> Any:
-    """The values of the image of a map, ``(rows, columns)``, NaN where it is blank."""
-    (image,) = ax.images
-    return np.ma.filled(image.get_array(), np.nan)
+def pieces_of(ax: Any) -> tuple[Any, Any]:
+    """Corners ``(p, 4, 2)`` of the pieces of a map, and the values that they show."""
+    (map_drawn,) = (c for c in ax.collections if type(c) is PolyCollection)
+    corners = [path.vertices[:4] for path in map_drawn.get_paths()]
+    return np.array(corners), np.asarray(map_drawn.get_array())
+
+
+def area_of(polygons: Any) -> float:
+    """Sum of the areas of quadrilaterals ``(p, 4, 2)``, of any orientation."""
+    (a, b), (c, d) = (polygons[:, k + 2].T - polygons[:, k].T for k in (0, 1))
+    return float(np.abs(a * d - b * c).sum() / 2)
 
 
 def test_arrows_of_shear_have_its_direction(cube: Any) -> None:
@@ -317,16 +318,11 @@ def test_length_of_slip_arrows(cube: Any) -> None:
 
 def test_zones_of_a_surface_are_those_of_the_nearest_node(cube: Any) -> None:
     model, result = cube
-    (image,) = plots.status_map(result).images
-    shown = np.asarray(image.get_array())
-    left, right, low, high = image.get_extent()
-    assert (left, low) == (0.0, 0.0)
-    assert (right, high) == pytest.approx((100.0, 100.0), rel=1e-12)
-    rows, columns = shown.shape
-    for k, (x, y, _) in enumerate(model.points):
-        column = min(int(x / 100 * columns), columns - 1)
-        row = min(int(y / 100 * rows), rows - 1)
-        assert shown[row, column] == result.status[-1][k]
+    polygons, shown = pieces_of(plots.status_map(result))
+    assert area_of(polygons) == pytest.approx(100.0**2, rel=1e-9)
+    far, nearest = cKDTree(model.points[:, :2]).query(polygons.mean(axis=1))
+    assert (far < 0.5 * 100 / 7).all()
+    np.testing.assert_array_equal(shown, result.status[-1][nearest])
 
 
 def sheet(stretch: float, hole: bool) -> tuple[bp.Solution, dict[str, Any]]:
@@ -356,14 +352,15 @@ def test_only_holes_are_blank(stretch: float, hole: bool, areas: bool) -> None:
     solution, contacts = sheet(stretch, hole)
     if not areas:
         del contacts["area"]
-    blank = np.isnan(shown(plots.surface_map(solution, contacts=contacts))).mean()
+    whole = 144 * stretch
+    drawn, _ = pieces_of(plots.surface_map(solution, contacts=contacts))
+    blank = 1 - area_of(drawn) / whole
     # At the hole, a quarter of the surface, the corners may be cut off; without areas,
     # half of it.
     least, most = ((0.2 if areas else 0.12), 0.25) if hole else (0.0, 0.0)
-    # The rim of the hole, half the length of the sheet, is a pixel wide.
-    assert least - 0.01 * hole <= blank <= most + 0.01 * hole
-    same = np.isnan(shown(plots.status_map(solution, contacts=contacts))).mean()
-    assert same == blank
+    assert least - 1e-9 <= blank <= most + 1e-9
+    drawn, _ = pieces_of(plots.status_map(solution, contacts=contacts))
+    assert 1 - area_of(drawn) / whole == pytest.approx(blank, abs=1e-12)
 
 
 def graded() -> tuple[bp.Solution, dict[str, Any]]:
@@ -406,11 +403,10 @@ def test_maps_of_graded_cells_are_whole_and_in_the_colours_of_the_bar() -> None:
     for left_out in ((), ("facets",), ("facets", "area")):
         arrays_left = {k: v for k, v in contacts.items() if k not in left_out}
         ax = plots.surface_map(solution, contacts=arrays_left)
-        assert not np.isnan(shown(ax)).any()
-        assert not np.isnan(
-            shown(plots.status_map(solution, contacts=arrays_left))
-        ).any()
-        (image,) = ax.images
+        assert area_of(pieces_of(ax)[0]) == pytest.approx(1.0, rel=1e-9)
+        zones = plots.status_map(solution, contacts=arrays_left)
+        assert area_of(pieces_of(zones)[0]) == pytest.approx(1.0, rel=1e-9)
+        (image,) = (c for c in ax.collections if type(c) is PolyCollection)
         bar = np.unique(image.cmap(np.arange(256), bytes=True)[:, :3], axis=0)
         drawn = colours_of(ax)
         assert len(drawn) > 50
@@ -433,20 +429,16 @@ def test_colours_cover_the_same_part_of_the_area_on_any_mesh() -> None:
 
 @pytest.mark.parametrize("nodes", [3, 4, 6, 8, 9])
 def test_facets_of_every_kind_are_drawn_whole(nodes: int) -> None:
-    """A linear function on one facet is exact, and the facet is covered."""
+    """Of one facet the triangles cover all, and have one orientation."""
     corners = np.array([[0.0, 0], [2, 0], [2, 1], [0, 1]])
     corners = corners[:3] if nodes in (3, 6) else corners
     middles = (corners + np.roll(corners, -1, axis=0)) / 2
     at = np.concatenate([corners, middles, corners.mean(axis=0)[None]])[:nodes]
-    pixels = raster.Raster.around(at)
     facet = triangles.split(triangles.check_facets(np.arange(nodes)[None], nodes))
-    image = pixels.interpolate(at, facet, at @ [1.0, 2.0])
-    inside = ~np.isnan(image)
-    exact = pixels.places @ [1.0, 2.0]
-    np.testing.assert_allclose(image[inside], exact[inside], rtol=1e-12)
-    whole = 1.0 if nodes not in (3, 6) else 0.5
-    # Along the slanted edge a row may miss a pixel.
-    assert inside.mean() == pytest.approx(whole, abs=1 / 300)
+    (a, b), (c, d) = (at[facet[:, k]].T - at[facet[:, 0]].T for k in (1, 2))
+    area = (a * d - b * c) / 2
+    assert (area > 0).all()
+    assert area.sum() == pytest.approx(2.0 if nodes not in (3, 6) else 1.0)
 
 
 def test_a_part_of_the_facets_has_new_numbers() -> None:
@@ -695,8 +687,8 @@ def test_surface_in_space(cube: Any, quantity: str) -> None:
         pieces = facets.get_array().reshape(len(corners), -1).mean(axis=1)
         np.testing.assert_allclose(pieces, values[corners].mean(axis=1))
     else:
-        assert len(facets.get_array()) == len(corners) == 49
-        assert set(facets.get_array()) <= set(values)
+        # A quarter of a facet for each of its corners.
+        np.testing.assert_array_equal(facets.get_array(), values[corners].ravel())
 
 
 class Camera:

@@ -1,1 +1,1 @@
-"""Places of contacts and cells in a picture: lines, triangles, boundary facets, pixels."""
+"""Places of contacts and cells in a picture: lines, triangles, boundary facets."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,12 +73,41 @@ def corners(facets: Ints) -> list[Ints]:
     return [facets[count == n][:, : _CORNERS[n]] for n in _SPLIT if (count == n).any()]
 
 
+def cut(
+    x: Floats, values: Floats, parts: Sequence[Ints], most: int, *, nearest: bool
+) -> tuple[list[Floats], Floats]:
+    """Small quadrilaterals of polygons of 3 or 4 corners, and the value of each.
+
+    ``x, values``: of all corners, ``(n, d)`` and ``(n,)``; ``parts``: their numbers.
+    ``most``: about the largest number of pieces. ``nearest``: values are those of corners.
+    """
+    each = [
+        zones(x[part], values[part])
+        if nearest
+        else pieces(x[part], values[part], most // len(parts))
+        for part in parts
+    ]
+    polygons = [polygon for part, _ in each for polygon in part]
+    return polygons, np.concatenate([np.empty(0), *(at for _, at in each)])
+
+
+def zones(x: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """The part of a facet that is near each corner, as quadrilaterals, with its value.
+
+    ``x, values``: as in `pieces`. Returns polygons ``(m c, 4, d)`` and values ``(m c,)``.
+    """
+    middle = (x + np.roll(x, -1, axis=1)) / 2
+    centre = np.broadcast_to(x.mean(axis=1, keepdims=True), x.shape)
+    near = np.stack([x, middle, centre, np.roll(middle, 1, axis=1)], axis=2)
+    return near.reshape(-1, 4, x.shape[2]), values.ravel()
+
+
 def pieces(
     x: Floats, values: Floats, most: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Quadrilaterals ``(p, 4, 3)`` that facets consist of, and the values at their centres.
+    """Quadrilaterals ``(p, 4, d)`` that facets consist of, and the values at their centres.
 
-    ``x, values``: of the 3 or 4 corners of each facet, ``(m, c, 3)`` and ``(m, c)``.
+    ``x, values``: of the 3 or 4 corners of each facet, ``(m, c, d)`` and ``(m, c)``.
     ``most``: about the largest number of pieces.
     """
     m, c = values.shape
@@ -92,7 +123,7 @@ def pieces(
     a, b = (k.ravel() for k in np.meshgrid(*[np.arange(side) / side] * 2))
     along, up = np.array([[0, 1, 1, 0], [0, 0, 1, 1]]) / side
     corners = shape(a[:, None] + along, b[:, None] + up)
-    polygons = np.einsum("pqc,mcd->mpqd", corners, x).reshape(-1, 4, 3)
+    polygons = np.einsum("pqc,mcd->mpqd", corners, x).reshape(-1, 4, x.shape[2])
     return polygons, (values @ shape(a + 0.5 / side, b + 0.5 / side).T).ravel()
 
 
@@ -102,6 +133,18 @@ def split(facets: Ints) -> Ints:
     kinds = [n for n in _SPLIT if (count == n).any()]
     triangles = [facets[count == n][:, _SPLIT[n]].reshape(-1, 3) for n in kinds]
     return np.concatenate([np.empty((0, 3), np.int64), *triangles])
+
+
+def polygons(facets: Ints) -> list[Ints]:
+    """Quadrilaterals ``(q, 4)`` of first order, and triangles ``(t, 3)`` of all others."""
+    four = np.sum(facets >= 0, axis=1) == 4
+    return [facets[four, :4], split(facets[~four])]
+
+
+def halve(parts: Sequence[Ints]) -> Ints:
+    """Triangles ``(t, 3)`` of polygons ``(m, 3)`` and ``(m, 4)``."""
+    halves = [part[:, [0, 2, 3]] for part in parts if part.shape[1] == 4]
+    return np.concatenate([*(part[:, :3] for part in parts), *halves])
 
 
 def alone(facets: Ints, contacts: int) -> NDArray[np.intp]:
