@@ -121,7 +121,6 @@ def deformed(
             raise ValueError(f"{name} is {value}, expected a positive number")
     corners, limits = _box(box, near, model.dim), style.range_of(limits)
     from bipot_rs.fem.paraview import cell_fields
-    from bipot_rs.plots.surface import beyond
 
     u = shown_step.displacement
     if u.shape != (model.n,):
@@ -142,7 +141,7 @@ def deformed(
     extend = "neither"
     if limits is not None:
         image.set_clim(*limits)
-        extend = beyond(mises, *limits)
+        extend = style.beyond(mises, *limits)
     if model.dim == 3:
         draw_edges(model, model.nodes, ax, lw=0.8, ls="--")
         # Contact with an obstacle is in sight, contact between bodies is hidden anyway.

@@ -23,7 +23,6 @@ from bipot_rs.plots.data import (
 from bipot_rs.plots.geometry.triangles import halve
 from bipot_rs.plots.line import lines_of, mark_of, strips
 from bipot_rs.plots.surface import (
-    beyond,
     finish,
     is_line,
     mesh_of,
@@ -195,7 +194,7 @@ def _draw_map(
     if not values.any():
         style.say(ax, "no contact changes the number")
     finish(seen, uv, names, ax)
-    style.colour_bar(image, ax, *label, extend=beyond(values, -largest, largest))
+    style.colour_bar(image, ax, *label, extend=style.beyond(values, -largest, largest))
     if marked.any():
         style.legend_above(ax, handles=_legend(marked), title=seen.said)
     else:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from bipot_rs._lib.optional import load_library
-from bipot_rs._lib.types import Integers
+from bipot_rs._lib.types import Floats, Integers
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.files import fields
@@ -222,6 +222,14 @@ def colour_bar(
             va="center" if below else "bottom",
         )
     return bar
+
+
+def beyond(values: Floats, low: float, high: float) -> str:
+    """On which sides values lie beyond the colours, in the words of matplotlib."""
+    rounding = 1e-9 * max(abs(low), abs(high))
+    sides = bool(values.min() < low - rounding), bool(values.max() > high + rounding)
+    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    return names.get(sides, "neither")
 
 
 def scale_of(colours: str | Colormap, low: float, high: float) -> ScalarMappable:

@@ -214,7 +214,7 @@ def span(
     ``limits``: the range, if it is chosen.
     """
     if limits is not None:
-        return *limits, beyond(values, *limits)
+        return *limits, style.beyond(values, *limits)
     low = float(min(values.min(), 0.0)) if quantity == "gap" else 0.0
     order = np.argsort(values, kind="stable")
     below = np.cumsum(np.ones(len(values)) if area is None else area[order])
@@ -224,15 +224,7 @@ def span(
         high = float(values.max())
     if high <= low:
         return low, low + 1.0, "neither"
-    return low, high, beyond(values, low, high)
-
-
-def beyond(values: Floats, low: float, high: float) -> str:
-    """On which sides values lie beyond the colours, in the words of matplotlib."""
-    rounding = 1e-9 * max(abs(low), abs(high))
-    sides = bool(values.min() < low - rounding), bool(values.max() > high + rounding)
-    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
-    return names.get(sides, "neither")
+    return low, high, style.beyond(values, low, high)
 
 
 def status_map(

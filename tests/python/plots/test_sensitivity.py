@@ -8,7 +8,7 @@ from matplotlib.collections import PathCollection, PolyCollection
 
 import bipot_rs as bp
 from bipot_rs import plots
-from bipot_rs.plots.surface import beyond
+from bipot_rs.plots.style import beyond
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 
