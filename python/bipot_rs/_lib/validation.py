@@ -603,57 +603,14 @@ def one_of(what: str, value: object, known: Sequence[str]) -> str:
 
 
 def _check_structure(what: str, matrix: Any) -> None:
-    """Refuse a sparse matrix whose arrays contradict its shape.
-
-    SciPy does not check them: with wrong indices it reads and writes outside its arrays.
-
-    Raises `ValueError`: indices outside the shape, or row pointers that do not ascend from 0 to
-    the number of entries.
-    """
-    rows, columns = matrix.shape
-    kind = matrix.format
-    if kind in ("csr", "csc", "bsr"):
-        height, width = getattr(matrix, "blocksize", (1, 1))
-        major, minor = rows // height, columns // width
-        if kind == "csc":
-            major, minor = minor, major
-        _pointers(what, matrix.indptr, len(matrix.indices), len(matrix.data), major)
-        _within(what, matrix.indices[: int(matrix.indptr[-1])], minor)
-    elif kind == "coo":
-        row, column = matrix.row, matrix.col
-        if not len(row) == len(column) == len(matrix.data):
-            raise ValueError(
-                f"{what} has {len(row)} row indices, {len(column)} column indices and "
-                f"{len(matrix.data)} entries, expected as many of each"
-            )
-        _within(what, row, rows)
-        _within(what, column, columns)
-
-
-def _pointers(
-    what: str, pointer: Integers, indices: int, entries: int, major: int
-) -> None:
-    if len(pointer) != major + 1:
-        raise ValueError(
-            f"{what} has {count_noun(len(pointer), 'pointer')} to its rows, expected {major + 1}"
-        )
-    if pointer[0] != 0 or (np.diff(pointer) < 0).any():
-        raise ValueError(
-            f"{what} has pointers to its rows that do not go up from 0: a broken "
-            "sparse matrix"
-        )
-    if pointer[-1] > min(indices, entries):
-        raise ValueError(
-            f"{what} has {count_noun(min(indices, entries), 'entry')}, its pointers to rows end at "
-            f"{pointer[-1]}"
-        )
-
-
-def _within(what: str, indices: Integers, limit: int) -> None:
-    # Least and greatest take no memory, where a comparison takes a byte for each entry.
-    if len(indices) and (indices.min() < 0 or indices.max() >= limit):
-        at = int(np.argmax((indices < 0) | (indices >= limit)))
-        raise ValueError(
-            f"{what} has an entry at index {indices[at]}, expected 0 to {limit - 1}: a "
-            "broken sparse matrix"
-        )
+    """Refuse a sparse matrix whose arrays contradict its shape: SciPy would read outside them."""
+    make = type(matrix)
+    try:
+        if matrix.format == "coo":
+            make((matrix.data, (matrix.row, matrix.col)), shape=matrix.shape)
+        elif matrix.format in ("csr", "csc", "bsr"):
+            # A new matrix of the same arrays: the check may change the type of its indices.
+            parts = matrix.data, matrix.indices, matrix.indptr
+            make(parts, shape=matrix.shape).check_format(full_check=True)
+    except ValueError as error:
+        raise ValueError(f"{what} is a broken sparse matrix: {error}") from None

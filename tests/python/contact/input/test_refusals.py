@@ -480,7 +480,7 @@ def test_a_broken_sparse_matrix(
     else:
         broken.indptr[1] = broken.indptr[-1]
         broken.indptr[2] = 0
-    refused(call, argument, broken, VALUE, "index|pointers")
+    refused(call, argument, broken, VALUE, "broken sparse matrix")
 
 
 @pytest.mark.parametrize("form", ["dense", "csr", "csc", "coo"])
