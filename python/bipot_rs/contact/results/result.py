@@ -19,7 +19,7 @@ from bipot_rs._lib.types import AnyArray, Bools, Floats, Integers, Ints, MatrixL
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.slip_check import find_farthest, measure_distances
-from bipot_rs.contact.results import pictures, summary, tables
+from bipot_rs.contact.results import summary, tables
 from bipot_rs.contact.results.contact_data import ContactData
 from bipot_rs.contact.results.contact_fields import list_instants, make_path_fields
 from bipot_rs.contact.results.derivatives import (
@@ -618,7 +618,9 @@ class Result(Sequence[Step]):
         TypeError, ValueError
             A wrong argument; the message names it.
         """
-        return pictures.draw_picture(self, kind, options)
+        from bipot_rs import plots
+
+        return plots.plot(self, kind, **options)
 
     def animate(
         self,
@@ -635,13 +637,13 @@ class Result(Sequence[Step]):
         All frames have the same scales. Arguments as there; those of `plot` are ``kind``
         and ``options``.
         """
-        return pictures.write_animation(
-            self,
-            path,
-            kind,
-            {"steps": steps, "frames_per_second": frames_per_second, "dpi": dpi}
-            | options,
+        from bipot_rs import plots
+
+        shown: dict[str, Any] = {"steps": steps, **options}
+        written: Path = plots.animate(
+            self, path, kind, frames_per_second=frames_per_second, dpi=dpi, **shown
         )
+        return written
 
     def to_xarray(self) -> Any:
         """The arrays of the contacts as an ``xarray.Dataset``, which needs xarray.
