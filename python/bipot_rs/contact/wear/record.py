@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import by_contact, floats, integer, logical, number
+from bipot_rs._lib.validation import by_contact, integer, logical, number
 from bipot_rs.contact import tuning
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.load_path import PathSolver, find_start
@@ -200,37 +200,6 @@ class Wear:
     def rejected(self) -> int:
         """Number of jumps that were rejected."""
         return sum(not jump.accepted for jump in self.jumps)
-
-    def depth_at(self, cycle: float) -> Floats:
-        """Depth ``(n_c,)`` at the end of any cycle, interpolated within jumps.
-
-        The interpolation is a cubic with the depths and worn depths of the cycles before
-        and after the jump.
-
-        Raises
-        ------
-        TypeError, ValueError
-            ``cycle`` is no number, or none from the first to the last cycle.
-        """
-        at = float(floats("cycle", cycle, ndim=0))
-        cycles = self.cycle
-        if not len(cycles) or not cycles[0] <= at <= cycles[-1]:
-            ends = (
-                f"{cycles[0]} to {cycles[-1]}"
-                if len(cycles)
-                else "a cycle that was solved"
-            )
-            raise ValueError(f"cycle is {at:g}, expected {ends}")
-        k = int(np.searchsorted(cycles, at))
-        if cycles[k] == at:
-            return np.array(self.depth[k])
-        span = float(cycles[k] - cycles[k - 1])
-        t = (at - cycles[k - 1]) / span
-        before, after = self.depth[k - 1], self.depth[k]
-        rise = t**2 * (3 - 2 * t)
-        depth: Floats = before + rise * (after - before)
-        depth += span * t * (1 - t) * ((1 - t) * self.worn[k - 1] - t * self.worn[k])
-        return depth
 
 
 @dataclass
