@@ -162,54 +162,7 @@ class Estimator:
     def __init__(self, case: Case) -> None:
         self.case = case
         model = case.model
-        if model.numbered.axisymmetric:
-            raise ValueError(
-                "the bodies are axisymmetric: the discretisation error supports bodies in the "
-                "plane and in space only"
-            )
-        for k, contact in enumerate(model.contacts):
-            if len(set(np.ravel(contact.mu).tolist())) > 1:
-                raise ValueError(
-                    f"mu of contacts[{k}] is {np.ravel(contact.mu).tolist()}, expected one "
-                    "number: the discretisation error supports isotropic friction only"
-                )
-            for what in ("cohesion", "dilatancy"):
-                value = getattr(contact, what)
-                if value:
-                    raise ValueError(
-                        f"{what} of contacts[{k}] is {value:g}: the discretisation error "
-                        "supports Coulomb friction only"
-                    )
-            if contact.pairing != "match":
-                raise ValueError(
-                    f"contacts[{k}] is paired by {contact.pairing!r}: the discretisation "
-                    "error supports pairing='match' only"
-                )
-        if any(acting.load and acting.load.strain is not None for acting in case.loads):
-            raise ValueError(
-                "the case has initial strains: the discretisation error does not support "
-                "them"
-            )
-        if any(acting.load and acting.load.within is not None for acting in case.loads):
-            raise ValueError(
-                "the case has a load within ranges: the discretisation error supports loads of "
-                "whole facets only, name its part as a surface"
-            )
-        if model.springs:
-            raise ValueError(
-                "the model has springs: the discretisation error cannot be computed with "
-                "springs, replace them by supports"
-            )
-        if model.inclined is not None:
-            raise ValueError(
-                "the model has a plane of symmetry that is not normal to an axis: the "
-                "discretisation error does not support it, rotate the meshes"
-            )
-        if model.references or model.ties is not None:
-            raise ValueError(
-                "the model has a floating obstacle, a rigid set, a cyclic symmetry, a bolt or a "
-                "periodicity: the discretisation error does not support them"
-            )
+        _refuse_model(case)
         named = [
             {name for name, own in (mesh.boundaries or {}).items() if border[own].all()}
             for mesh in (body.mesh for body in model.bodies)
@@ -226,11 +179,6 @@ class Estimator:
         self.bodies = [simplices(body) for body in model.bodies]
         self.materials = [body.isotropic for body in model.bodies]
         self.facets = contact_facets(model, self.bodies)
-        if isinstance(model.moving, MovingGaps):
-            raise ValueError(
-                "an obstacle turns, or is curved and moves: the discretisation error needs "
-                "contacts with the same frames in all steps"
-            )
         held = prescribed_facets(model, self.bodies)
         self.elastic = _Elastic(model)
         self.known = [
@@ -583,6 +531,50 @@ class _Elastic:
         )
         displacement: Floats = self.problem.solve(load, values).displacement[-1]
         return displacement
+
+
+def _refuse_model(case: Case) -> None:
+    """Refuse what the discretisation error does not support."""
+    model, loads = case.model, [acting.load for acting in case.loads if acting.load]
+    for k, contact in enumerate(model.contacts):
+        mu, where = np.ravel(contact.mu).tolist(), f"of contacts[{k}] is"
+        for refused, what in (
+            (len(set(mu)) > 1, f"mu {where} {mu}, expected one number"),
+            (contact.cohesion, f"cohesion {where} {contact.cohesion:g}, expected 0"),
+            (contact.dilatancy, f"dilatancy {where} {contact.dilatancy:g}, expected 0"),
+            (
+                contact.pairing != "match",
+                f"pairing {where} {contact.pairing!r}, expected 'match'",
+            ),
+        ):
+            if refused:
+                raise ValueError(f"{what}: the discretisation error supports no other")
+    for present, what in (
+        (
+            model.numbered.axisymmetric,
+            "axisymmetric bodies: they are in the plane or in space",
+        ),
+        (any(load.strain is not None for load in loads), "initial strains"),
+        (
+            any(load.within is not None for load in loads),
+            "a load within ranges: name its part as a surface",
+        ),
+        (model.springs, "springs: replace them by supports"),
+        (
+            model.inclined,
+            "a plane of symmetry that is not normal to an axis: rotate the meshes",
+        ),
+        (
+            model.references or model.ties,
+            "a floating obstacle, a rigid set, a cyclic symmetry, a bolt or a periodicity",
+        ),
+        (
+            isinstance(model.moving, MovingGaps),
+            "an obstacle that turns, or is curved and moves: frames must stay",
+        ),
+    ):
+        if present:
+            raise ValueError(f"the discretisation error does not support {what}")
 
 
 def _number(step: int, steps: int) -> int:
