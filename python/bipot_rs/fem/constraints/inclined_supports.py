@@ -75,17 +75,11 @@ class Planes:
         A direction that the planes block must be exactly zero: W would take its rounding
         for a compliance.
         """
-        relative_rows: CsrMatrix = sparse.csr_array(B @ self.within)
-        rows = np.repeat(
-            np.arange(relative_rows.shape[0]), np.diff(relative_rows.indptr)
-        )
-        largest = abs(B).max(axis=1).toarray().ravel()
-        relative_rows.data[np.abs(relative_rows.data) <= _GONE * largest[rows]] = 0.0
-        left = abs(relative_rows).max(axis=1).toarray().ravel()
-        relative_rows.data[(left <= _SAME * largest)[rows]] = 0.0
-        relative_rows.eliminate_zeros()
-        relative_rows.sort_indices()
-        return relative_rows
+        rows, largest = restrict_rows(B, self.within)
+        left = abs(rows).max(axis=1).toarray().ravel()
+        rows.data[np.repeat(left <= _SAME * largest, np.diff(rows.indptr))] = 0.0
+        rows.eliminate_zeros()
+        return rows
 
     def tangents(self, frame: Floats, first: Ints, within: Bools) -> Floats:
         """Turn frames ``(n_c, 3, 3)`` so that t2 is normal to the plane of their node.
@@ -148,6 +142,17 @@ class Planes:
                 f"{off[row]:g} across its plane of symmetry: prescribe components whose "
                 "sum lies in the plane"
             )
+
+
+def restrict_rows(B: CsrMatrix, within: CsrMatrix) -> tuple[CsrMatrix, Floats]:
+    """``B within`` without entries that are rounding, and the largest entry of each row of B."""
+    rows: CsrMatrix = sparse.csr_array(B @ within)
+    largest = abs(B).max(axis=1).toarray().ravel()
+    rounding = _GONE * np.repeat(largest, np.diff(rows.indptr))
+    rows.data[np.abs(rows.data) <= rounding] = 0.0
+    rows.eliminate_zeros()
+    rows.sort_indices()
+    return rows, largest
 
 
 def make_planes(

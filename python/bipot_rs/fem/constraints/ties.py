@@ -23,7 +23,7 @@ from scipy import sparse
 from bipot_rs._lib.matrices import diagonal_matrix
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
-from bipot_rs.fem.constraints.inclined_supports import Planes
+from bipot_rs.fem.constraints.inclined_supports import Planes, restrict_rows
 from bipot_rs.fem.tuning import PREFERRED
 
 # Coefficients below this, relative to their relation, are rounding: mesh files give
@@ -117,15 +117,7 @@ class Ties:
 
     def relative(self, B: CsrMatrix) -> CsrMatrix:
         """``B T``, with entries set to zero that are rounding relative to the row of B."""
-        relative_rows: CsrMatrix = sparse.csr_array(B @ self.within)
-        rows = np.repeat(
-            np.arange(relative_rows.shape[0]), np.diff(relative_rows.indptr)
-        )
-        largest = abs(B).max(axis=1).toarray().ravel()
-        relative_rows.data[np.abs(relative_rows.data) <= _GONE * largest[rows]] = 0.0
-        relative_rows.eliminate_zeros()
-        relative_rows.sort_indices()
-        return relative_rows
+        return restrict_rows(B, self.within)[0]
 
     def load(self, force: Floats) -> Floats:
         """``Tᵀ f``, without the reactions of the planes; unchanged if both change nothing."""
