@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,28 +48,12 @@ from bipot_rs.theory.soil_body import Soil
 from bipot_rs.theory.structure_state import StructureState, StructureStep
 from bipot_rs.theory.structure_step import StepSolver
 
+if TYPE_CHECKING:
+    from bipot_rs.fem.assembly.assembly import Assembly
+
 METHODS = ("newton", "displacements", "uzawa")
 # What has plastic points.
 Inelastic: TypeAlias = Soil | PlasticPoints
-
-
-class ContactArrays(Protocol):
-    """``B``, ``gap`` and ``mu``, as of a `fem.Assembly` or of `Contacts`.
-
-    Also ``cohesion``, ``dilatancy`` and the places ``x``, if there are any.
-    """
-
-    @property
-    def B(self) -> MatrixLike:
-        """``(d n_c, n)``."""
-
-    @property
-    def gap(self) -> ArrayLike:
-        """``(n_c,)`` or ``(n_c, d)``."""
-
-    @property
-    def mu(self) -> ArrayLike:
-        """``(n_c,)`` or ``(n_c, 2)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +126,7 @@ class Structure:
         self,
         bodies: Sequence[Body | MatrixLike] = (),
         soils: Sequence[Inelastic] = (),
-        contacts: ContactArrays | CheckedContacts | None = None,
+        contacts: Contacts | Assembly | CheckedContacts | None = None,
         fixed: ArrayLike = (),
     ) -> None:
         for what, parts in (("bodies", bodies), ("soils", soils)):
@@ -191,7 +175,9 @@ class Structure:
         self.elastic: CsrMatrix = sparse.csr_array(total)
         self._factor_elastic()
 
-    def _read_contacts(self, given: ContactArrays | CheckedContacts | None) -> None:
+    def _read_contacts(
+        self, given: Contacts | Assembly | CheckedContacts | None
+    ) -> None:
         """B, gap and law in the components in which friction is isotropic."""
         if given is None:
             given = Contacts(sparse.csr_array((0, self.n)), np.zeros((0, 2)), 0.0)
