@@ -254,33 +254,18 @@ def counted(seeds: Iterable[int]) -> Counter[str]:
 
 @pytest.mark.slow
 def test_statically_determinate_bodies() -> None:
-    assert sticking(range(60))["solved"] == 60
-
-
-@pytest.mark.slow
-def test_many_statically_determinate_bodies() -> None:
-    assert sticking(range(60, 1260))["solved"] == 1200
+    assert sticking(range(1260))["solved"] == 1260
 
 
 @pytest.mark.slow
 def test_supports_of_flat_blocks_are_counted() -> None:
-    assert sum(counted(range(200)).values()) == 200
-
-
-@pytest.mark.slow
-def test_supports_of_many_flat_blocks_are_counted() -> None:
-    assert sum(counted(range(200, 4200)).values()) == 4000
+    assert sum(counted(range(4200)).values()) == 4200
 
 
 @pytest.mark.needs_extra
 @pytest.mark.slow
-def test_two_nodes_do_not_hold_a_body_in_space() -> None:
-    assert on_two_nodes(range(200))["refused"] == 200
-
-
-@pytest.mark.slow
 def test_two_nodes_never_hold_a_body_in_space() -> None:
-    assert on_two_nodes(range(200, 20_200))["refused"] == 20_000
+    assert on_two_nodes(range(20_200))["refused"] == 20_200
 
 
 @pytest.mark.parametrize("angle", [0.0, 20.0, 30.0, 77.0])

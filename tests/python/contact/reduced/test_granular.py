@@ -1,5 +1,7 @@
 """Walls of rigid disks and packings of balls, with many redundant contacts."""
 
+from typing import Any
+
 import grains
 import numpy as np
 import pytest
@@ -60,14 +62,9 @@ def test_threads_change_no_bit() -> None:
 
 
 @pytest.mark.slow
-def test_nine_in_ten_packings_within_twenty_seconds() -> None:
-    solutions = [solved(grains.packings(seed), seconds=20.0) for seed in range(50)]
-    assert sum(s.converged and s.residual <= TOL for s in solutions) >= 45
-
-
-@pytest.mark.slow
-def test_nine_in_ten_walls_within_twenty_seconds() -> None:
-    solutions = [solved(grains.walls(seed), seconds=20.0) for seed in range(50)]
+@pytest.mark.parametrize("make", [grains.packings, grains.walls])
+def test_nine_in_ten_are_solved_within_twenty_seconds(make: Any) -> None:
+    solutions = [solved(make(seed), seconds=20.0) for seed in range(50)]
     assert sum(s.converged and s.residual <= TOL for s in solutions) >= 45
 
 

@@ -200,12 +200,7 @@ def _symmetric(row: Any, col: Any, value: Any, n: int) -> Any:
 @pytest.mark.slow
 def test_slender_bodies_at_random() -> None:
     # The most slender bodies with many cells may be refused: K has no digits for them.
-    assert held(range(20))["solved"] >= 18
-
-
-@pytest.mark.slow
-def test_many_slender_bodies_at_random() -> None:
-    assert held(range(20, 420))["solved"] >= 380
+    assert held(range(420))["solved"] >= 398
 
 
 def bimetal(height: float, how: str) -> fem.Assembly:
@@ -259,11 +254,6 @@ def bimetal_is_solved(height: float, how: str) -> None:
                 assert off(result.reaction[-1], there.r) <= 1e-10
             # The estimate includes the rounding that the strip amplifies.
             assert off(result.displacement[-1], there.u) <= max(1e-9, estimate[1])
-
-
-@pytest.mark.slow
-def test_a_bimetal_strip() -> None:
-    bimetal_is_solved(2.0, "roll")
 
 
 @pytest.mark.slow
