@@ -232,20 +232,6 @@ def test_not_convex_in_both_together() -> None:
     assert np.any(middle > (b(x, y) + b(x2, y2)) / 2 + 1e-3 * case.energy)
 
 
-def test_convexity_inequalities(case: Case) -> None:
-    """(12a), (12b), and (6a), (6b) of explicit materials: pairs on the law with any others."""
-    b = materials.implicit(case.material).bipotential
-    rng = np.random.default_rng(24)
-    on = b(case.x, case.y)
-    slack = 2 * ROUNDED * case.energy
-    for _ in range(5):
-        x, y = near(case, rng)
-        work = ((x - case.x) * case.y).sum(axis=1)
-        assert np.all(b(x, case.y) - on >= work - slack)
-        work = ((y - case.y) * case.x).sum(axis=1)
-        assert np.all(b(case.x, y) - on >= work - slack)
-
-
 def test_outside_the_domain() -> None:
     """b is infinite, or a dual -infinite, where the other argument has no partner."""
     start = materials.Start([[1.0, 0.2]] * 5, np.zeros((5, 2)), np.full(5, 0.3))
@@ -288,51 +274,6 @@ def test_printed_constant() -> None:
     separable = materials.Separable(explicit)
     difference = law.bipotential(x, y) - separable.bipotential(x, y)
     assert np.all(np.abs(difference) <= size)
-
-
-def samples_of(case: Case, count: int) -> tuple[list[Array], list[Array]]:
-    rng = np.random.default_rng(45)
-    return (
-        [case.strains(rng) for _ in range(count)],
-        [case.stresses(rng) for _ in range(count)],
-    )
-
-
-@pytest.mark.slow_variants("*soil*", "coulomb 3D", "elastic", "frictionless 3D")
-def test_explicit_laws_of_the_duals(case: Case) -> None:
-    """(16): x ∈ ∂_z b_l*(y, y), and (18): y ∈ ∂_u b_r*(x, x), by the inequality at samples.
-
-    They always hold on the law. Off it, a sample disproves them for most pairs.
-    """
-    material = materials.implicit(case.material)
-    xs, ys = samples_of(case, 40)
-    rng = np.random.default_rng(46)
-    pairs = {True: (case.x, case.y), False: near(case, rng)}
-    for on, (x, y) in pairs.items():
-        # Also near the pair, and at the vertex of the domain, where b(·, y) begins.
-        zs = ys + [y + s * (z - y) for s in (0.1, 1e-3) for z in ys]
-        us = xs + [x + s * (u - x) for s in (0.1, 1e-3) for u in xs]
-        least = [
-            material.left_dual(z, y)
-            - material.left_dual(y, y)
-            - ((z - y) * x).sum(axis=1)
-            for z in zs
-        ]
-        left = np.min(least, axis=0)
-        least = [
-            material.right_dual(x, u)
-            - material.right_dual(x, x)
-            - ((u - x) * y).sum(axis=1)
-            for u in us
-        ]
-        right = np.min(least, axis=0)
-        if on:
-            assert np.all(left >= -2 * ROUNDED * case.energy)
-            assert np.all(right >= -2 * ROUNDED * case.energy)
-        else:
-            off = 1e-5 * case.strain * case.stress
-            assert np.mean(left < -off) > 0.4
-            assert np.mean(right < -off) > 0.4
 
 
 def test_printed_left_dual_is_the_associated_law() -> None:
@@ -793,23 +734,6 @@ def test_fenchel_gap_is_an_error_in_energy() -> None:
     np.testing.assert_allclose(materials.fenchel_gap(body, x, y), expected, atol=1e-14)
     np.testing.assert_allclose(body.stress(x), x @ D, atol=1e-14)
     np.testing.assert_allclose(body.strain(body.stress(x)), x, atol=1e-14)
-
-
-def test_uzawa_of_two_springs() -> None:
-    """(41), (42): an elastic material in an elastic frame, compared with linear algebra."""
-    rng = np.random.default_rng(50)
-    root = rng.normal(size=(3, 3))
-    C, free = root @ root.T + np.eye(3), rng.normal(size=3)
-    D = np.diag([1.0, 2.0, 5.0])
-    iterates = materials.uzawa(
-        materials.LinearElastic(D), lambda y: free - C @ y, np.zeros(3), 0.1, 400
-    )
-    # D⁻¹ y = free - C y.
-    expected = np.linalg.solve(np.linalg.inv(D) + C, free)
-    np.testing.assert_allclose(iterates[-1], expected, rtol=1e-12)
-    # One step by hand.
-    first = np.linalg.solve(np.eye(3) + 0.1 * np.linalg.inv(D), 0.1 * free)
-    np.testing.assert_allclose(iterates[1], first, rtol=1e-13)
 
 
 def structure(W: Array, q: Array, start: materials.Start) -> Callable[[Array], Array]:
