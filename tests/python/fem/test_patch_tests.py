@@ -1,7 +1,6 @@
 """Assembly: patch tests, resultants, rates of convergence, and scikit-fem's own forms."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,12 +14,6 @@ from bipot_rs.discretisation.contact_facets import contact_facets
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
-ELEMENTS = {
-    "triangle": skfem.ElementTriP1,
-    "quadrilateral": skfem.ElementQuad1,
-    "tetrahedron": skfem.ElementTetP1,
-    "hexahedron": skfem.ElementHex1,
-}
 Floats = NDArray[np.float64]
 
 
@@ -63,24 +56,6 @@ def test_patch(cell: str) -> None:
     assert abs(u - linear.ravel()).max() <= 1e-13 * abs(linear).max()
 
 
-@pytest.mark.parametrize(
-    ("plane_stress", "modulus"),
-    # Uniaxial tension with free lateral strain: E, or E/(1 - ν²) in plane strain.
-    [(True, 210e3), (False, 210e3 / (1 - 0.3**2))],
-)
-def test_plane_stress_and_plane_strain(plane_stress: bool, modulus: float) -> None:
-    meshed = body("quadrilateral", plane_stress=plane_stress, thickness=2.0)
-    x = meshed.points
-    left = np.flatnonzero(x[:, 0] == 0)
-    right = np.flatnonzero(x[:, 0] == 1)
-    fixed = np.concatenate([2 * left, 2 * right, [2 * left[0] + 1]])
-    value = np.concatenate([0.0 * left, 1e-3 + 0.0 * right, [0.0]])
-    K = fem.stiffness(meshed)
-    u = solve(K, np.zeros(x.size), fixed, value)
-    # σ = modulus × 1e-3 on a section of 1 × 2.
-    assert (K @ u)[2 * right].sum() == pytest.approx(2e-3 * modulus, rel=1e-12)
-
-
 @pytest.mark.parametrize("cell", CELLS)
 def test_resultants_and_moments_of_loads(cell: str) -> None:
     meshed = body(cell, thickness=2.0)
@@ -113,47 +88,6 @@ def test_resultants_and_moments_of_loads(cell: str) -> None:
     assert total(hill)[-1] == pytest.approx(depth / 2, rel=1e-13)
     moment = hill.reshape(-1, dim)[:, -1] @ meshed.points[:, 0]
     assert moment == pytest.approx(depth / 3, rel=1e-13)
-
-
-@pytest.mark.parametrize(
-    ("cell", "sizes"),
-    [
-        ("triangle", (8, 16, 32)),
-        ("quadrilateral", (8, 16, 32)),
-        ("tetrahedron", (4, 8, 16)),
-        ("hexahedron", (4, 8, 16)),
-    ],
-)
-@pytest.mark.slow_variants("*-sizes2", "*-sizes3")
-def test_rate_of_convergence(cell: str, sizes: tuple[int, ...]) -> None:
-    """Linear elements: mean square error of order 2 for a smooth solution."""
-    dim = CELLS[cell]
-    lame_lambda, lame_mu = fem.Material(210e3, 0.3).lame(dim)
-
-    # u = grad(ψ) with ψ = Π sin(π x_k): -div σ = (λ + 2μ) dim π² u.
-    def answer(x: Floats) -> Floats:
-        sines, cosines = np.sin(np.pi * x), np.cos(np.pi * x)
-        return np.stack(
-            [
-                cosines[k] * np.prod(np.delete(sines, k, axis=0), axis=0)
-                for k in range(dim)
-            ]
-        )
-
-    stiff = (lame_lambda + 2 * lame_mu) * dim * np.pi**2
-    errors = []
-    for n in sizes:
-        meshed = body(cell, n, bend=0.0)
-        model = fem.assemble([meshed], [])
-        f = model.body_force("it", lambda x: stiff * answer(x))
-        exact = answer(meshed.points.T).T.ravel()
-        fixed = (dim * boundary(meshed)[:, None] + np.arange(dim)).ravel()
-        u = solve(model.K, f, fixed, exact[fixed])
-        errors.append(np.sqrt(np.mean((u - exact) ** 2)))
-    orders = [np.log2(a / b) for a, b in pairwise(errors)]
-    # The next term of the error has relative size h²; h = 1/8 is the coarser mesh of the
-    # last pair in 3D.
-    assert orders[-1] == pytest.approx(2, abs=0.15), orders
 
 
 @pytest.mark.parametrize("cell", CELLS)

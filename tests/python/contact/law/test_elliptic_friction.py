@@ -56,20 +56,6 @@ class TestOneContact:
         )
         assert self.solve([-2.0, *(1.01 * edge)], method).status[0] == SLIP
 
-    @pytest.mark.parametrize("axis", [0, 1])
-    def test_slides_along_an_axis_as_in_the_plane(self, axis: int) -> None:
-        q = np.zeros(3)
-        q[0], q[1 + axis] = -2.0, -5.0
-        solution = self.solve(list(q))
-        mu = self.MU[axis]
-        r = np.zeros(3)
-        r[0], r[1 + axis] = 1.0, mu
-        np.testing.assert_allclose(solution.reaction[0], r, atol=1e-13)
-        v = solution.relative_displacement[0]
-        # -5 + 3 μ along the axis, zero across it.
-        assert v[1 + axis] == pytest.approx(-5 + 3 * mu, rel=1e-13)
-        assert abs(v[2 - axis]) < 1e-13
-
     def test_slides_obliquely_not_against_friction(self) -> None:
         # Slip along (3, 4): D v = (1.2, 0.8), of length √2.08. Friction is along
         # D² v = (0.48, 0.16), 18.4° from the first axis; slip is at 53.1°.
@@ -86,15 +72,6 @@ class TestOneContact:
         assert angle == pytest.approx(
             18.4349, abs=1e-4
         )  # # arctan(1/3), to the digits printed
-
-    def test_separates(self) -> None:
-        solution = self.solve([0.1, 1.0, -1.0])
-        assert solution.status[0] == OPEN
-        np.testing.assert_array_equal(solution.reaction, 0.0)
-        # The change of variables inverted, x/T·T: two roundings.
-        np.testing.assert_allclose(
-            solution.relative_displacement, [[0.1, 1.0, -1.0]], rtol=4e-16
-        )
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -120,42 +120,6 @@ def test_results_are_in_unscaled_variables() -> None:
     assert two.reduced(None, moved[1]).mu.shape == mu.shape
 
 
-def test_a_body_that_contact_alone_holds() -> None:
-    """A block with weight is pulled along the diagonal: the limit load is on the ellipse."""
-    case = cube(*GRAIN, n=2)
-    model = case.model
-    held = bp.ContactProblem(
-        model.K,
-        model.B,
-        gap=0 * model.gap,
-        mu=model.mu,
-        frame=model.frame,
-        points=model.points,
-    )
-    assert len(held.rigid_motions) == 6
-    weight = model.body_force("cube", np.array([0.0, 0, -1.0]))
-    pressed = -weight.sum()
-    e = np.array([1.0, 0.0, 0.0])
-    tangents = model.frame[0, 1:]
-    limit = pressed / np.linalg.norm(tangents @ e / MU)
-    # Pulled at the base, so that the block does not tip.
-    base = model.nodes[:, 2] == 0
-    pull = np.zeros((len(model.nodes), 3))
-    pull[base] = e / base.sum()
-    result = held.solve(weight + 0.99 * limit * pull.ravel())
-    total = np.einsum("ck,ckd->d", result[0].reaction, model.frame)
-    # η = 1e-10 bounds the balance.
-    np.testing.assert_allclose(total, [-0.99 * limit, 0, pressed], atol=1e-8 * pressed)
-    with pytest.raises(bp.NoEquilibriumError) as refused:
-        held.solve(weight + 1.01 * limit * pull.ravel())
-    direction = refused.value.direction
-    assert direction is not None
-    # In the dual cone of every contact: a proof, up to the rounding that the error allows.
-    opens = direction[:, 0] - np.linalg.norm(MU * direction[:, 1:], axis=1)
-    assert opens.min() >= -1e-8
-    assert "translation along" in str(refused.value)
-
-
 def test_many_paths_on_one_factorisation() -> None:
     """Cases with one or two coefficients in any order give the bits of a new problem, or nearly."""
     model, moved, mu = path()
@@ -285,15 +249,6 @@ class TestGrainOfTheCube:
         size = np.abs(totals[0]).max()
         # Two solves to η = 1e-12.
         np.testing.assert_allclose(totals[0], totals[1], atol=1e-9 * size)
-
-    def test_equal_coefficients_are_the_scene_itself(self) -> None:
-        two = cube("contact.0.mu=[0.3, 0.3]", "contact.0.axis=[0.3, 0.4, 0.0]")
-        whole_cube = cube()
-        ends = []
-        for case in (two, whole_cube):
-            step = case.model.problem().solve(None, case.prescribed, tol=1e-12)[-1]
-            ends.append(np.einsum("ck,ckd->cd", step.reaction, case.model.frame))
-        np.testing.assert_allclose(*ends, atol=1e-9 * np.abs(ends[1]).max())
 
     def test_frames_follow_the_axis(self) -> None:
         normals = np.array([[0.0, 0, 2], [0, -1, 1], [1, 1, 1]])

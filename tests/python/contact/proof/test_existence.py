@@ -44,69 +44,6 @@ def test_balance_is_necessary_and_not_sufficient() -> None:
     assert without.motion.tolist() == [[0.0, 1.0]]
 
 
-# (u_x, u_y) of each foot; normals along y.
-PLANK_B = np.kron(np.eye(2), np.array([[0.0, 1.0], [1.0, 0.0]]))
-
-
-def plank(mu: float) -> bp.ContactProblem:
-    """A bar on two feet, at x = 0 and 1, free to slide, to lift and to turn."""
-    e = np.array([-1.0, 0.0, 1.0, 0.0])
-    K = 100.0 * np.outer(e, e)
-    return bp.ContactProblem(K, PLANK_B, gap=[0.0, 0.0], mu=mu)
-
-
-@pytest.mark.parametrize("mu", [0.0, 0.3])
-def test_a_plank_stands_while_its_weight_is_above_its_feet(mu: float) -> None:
-    for x in (-0.5, -1e-3, 0.0, 1e-3, 0.4, 1.0, 1.001, 2.0):
-        load = [0.0, -(1 - x), 0.0, -x]
-        problem = plank(mu)
-        existence = problem.existence(load)
-        assert existence.verdict == ("guaranteed" if 0 <= x <= 1 else "none"), x
-        if existence.verdict == "guaranteed":
-            assert existence.pressure == pytest.approx([1 - x, x], abs=1e-12)
-            assert problem.solve(load).success
-        else:
-            with pytest.raises(bp.NoEquilibriumError):
-                problem.solve(load)
-            # The proof is a motion on which the loads do work and no reaction does negative work.
-            d, u = existence.motion, existence.displacement
-            assert d is not None
-            assert u is not None
-            assert (d[:, 0] >= mu * np.abs(d[:, 1]) - 1e-9).all()
-            assert np.array(load) @ u > 0
-            # Rigid: the bar keeps its length, to the rounding of the null space.
-            assert abs(u[2] - u[0]) <= 1e-12 * np.abs(u).max()
-
-
-@pytest.mark.parametrize("x", [0.25, 0.5])
-def test_a_plank_slides_at_the_friction_limit_of_its_feet(x: float) -> None:
-    # The feet carry 1 - x and x for any friction, so the limit is known.
-    feet = np.array([0.2, 0.6])
-    e = np.array([-1.0, 0.0, 1.0, 0.0])
-    problem = bp.ContactProblem(
-        100.0 * np.outer(e, e), PLANK_B, gap=[0.0, 0.0], mu=feet
-    )
-    limit = feet @ [1 - x, x]
-    for share, verdict in (
-        (0.5, "guaranteed"),
-        (0.9999, "guaranteed"),
-        (1.0001, "none"),
-    ):
-        load = np.array([share * limit, -(1 - x), 0.0, -x])
-        existence = problem.existence(load)
-        assert existence.verdict == verdict
-        if verdict == "guaranteed":
-            assert problem.solve(load).success
-        else:
-            with pytest.raises(bp.NoEquilibriumError):
-                problem.solve(load)
-    # All weight on one foot, about to tip: that foot alone must hold.
-    edge = [0.199, -1.0, 0.0, 0.0]
-    assert problem.existence(edge).verdict == "guaranteed"
-    assert problem.solve(edge).success
-    assert problem.existence([0.201, -1.0, 0.0, 0.0]).verdict == "none"
-
-
 def check(given: Any, found: bp.Existence) -> None:
     """The verdict is proved by its witnesses, checked by their definitions."""
     W, q, mu, rigid = given

@@ -21,37 +21,6 @@ def end(result: bp.Result) -> Any:
     return bar
 
 
-def test_a_contact_that_slides_and_one_that_sticks() -> None:
-    """r = (P, -μP), u_t = (T - μP)/k; r = (P, -T), u_t = 0."""
-    k, P, T, mu = 1e3, 10.0, 5.0, 0.3
-    problem = bp.ContactProblem(k * np.eye(2), np.eye(2), gap=[0.0], mu=mu)
-    slides = problem.solve([-P, T]).vjp(displacement=[0.0, 1.0])
-    np.testing.assert_allclose(slides.load, [[mu / k, 1 / k]], rtol=1e-14)
-    np.testing.assert_allclose(slides.mu, [-P / k], rtol=1e-14)
-    # r_n = P - k g presses less when the wall is farther: u_t = (T - μ (P - k g))/k.
-    np.testing.assert_allclose(slides.gap, [mu], rtol=1e-14)
-    # By k_nn, k_tt and the coupling; u = (0, (T - μP)/k).
-    u = (T - mu * P) / k
-    np.testing.assert_allclose(slides.K.toarray(), [[0, 0], [0, -u / k]], atol=1e-18)
-    sticks = problem.solve([-P, 1.0]).vjp(reaction=[[0.0, 1.0]])
-    np.testing.assert_allclose(sticks.load, [[0.0, -1.0]], atol=1e-15)
-    np.testing.assert_array_equal(sticks.mu, [0.0])
-
-
-def test_a_bar_on_a_rough_foundation() -> None:
-    """u = P²/(2 EA q), which the chain meets with its slope where P/(qh) is an integer."""
-    problem, load = bar_problem(NODES, MU)
-    for m in (1, 3, 7, 12):
-        P = m * Q * H
-        gradient = problem.solve(pulled(load, [P]), tol=1e-13).vjp(
-            displacement=end(problem.solve(pulled(load, [P])))
-        )
-        np.testing.assert_allclose(gradient.load[0, -1], P / (EA * Q), rtol=1e-11)
-        # q = μ N: a change of all μ is a change of q.
-        by_q = gradient.mu.sum() * MU / Q
-        np.testing.assert_allclose(by_q, -(P**2) / (2 * EA * Q**2), rtol=1e-11)
-
-
 def test_a_bar_pulled_to_and_fro() -> None:
     """u = P₀²/(2 EA q) - (P₀ - P)²/(4 EA q) after a reversal: the first step is history."""
     problem, load = bar_problem(NODES, MU)
@@ -69,18 +38,6 @@ def test_a_bar_pulled_to_and_fro() -> None:
     by_tangents = sparse.diags_array(np.tile([0.0, 1.0], NODES))
     by_EA = (gradient.K * (by_tangents @ chain)).sum()
     np.testing.assert_allclose(by_EA, -result.displacement[-1, -1], rtol=1e-11)
-
-
-def test_release_and_new_contact() -> None:
-    """After a release the history of slip remains; the new contact starts where it was."""
-    k, mu = 1e3, 0.3
-    problem = bp.ContactProblem(k * np.eye(2), np.eye(2), gap=[0.0], mu=mu)
-    path = [[-10.0, 5.0], [2.0, 1.0], [-10.0, 2.0]]
-    result = problem.solve(path, tol=1e-13)
-    assert result.status[:, 0].tolist() == [1, 0, 2]
-    # It touches and sticks at u_t = 1/k of the free step.
-    gradient = result.vjp(displacement=np.array([[0, 0], [0, 0], [0, 1.0]]))
-    np.testing.assert_allclose(gradient.load, [[0, 0], [0, 1 / k], [0, 0]], atol=1e-17)
 
 
 def test_complex_step() -> None:
