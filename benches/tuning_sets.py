@@ -139,7 +139,7 @@ def run_paths(_kind: str, _seeds: int) -> Counts:
     for free in 1000 * 2 ** np.arange(12):
         for contacts in (100, 400, 1600, 6400):
             for steps in (1, 8, 64, 512):
-                chosen = choose_engine(int(free), contacts, steps, 8e9)[0]
+                chosen = choose_engine("auto", 3, int(free), contacts, steps, 8e9)[0]
                 work += chosen == "iterative"
     spring = bp.ContactProblem(
         1e3 * np.eye(2), np.eye(2), gap=[-0.01], mu=0.0, area=[1e-4]

@@ -32,30 +32,47 @@ def forecast_bytes(free: int, contacts: int) -> float:
 
 
 def choose_engine(
-    free: int, contacts: int, steps: int, available: float | None
+    engine: str,
+    d: int,
+    free: int,
+    contacts: int,
+    steps: int | None,
+    available: float | None,
 ) -> tuple[str, str]:
-    """Choose the engine of a load path in space, and say why.
+    """Choose the engine of a load path, and say why.
 
     Parameters
     ----------
-    free, contacts, steps
-        Number of free degrees of freedom, of contacts and of load steps.
+    engine
+        The engine asked for.
+    d, free, contacts
+        Dimension, number of free degrees of freedom and of contacts.
+    steps
+        Number of load steps. None: not known, so that the choice may be ``"auto"``.
     available
         Bytes that the direct engine may use; None if unknown.
 
-    >>> choose_engine(12_000, 400, 2, 8e9)
+    >>> choose_engine("auto", 3, 12_000, 400, None, 8e9)
     ('direct', 'a small problem, factorised once')
-    >>> choose_engine(148_000, 1369, 2, 8e9)
+    >>> choose_engine("auto", 3, 148_000, 1369, None, 8e9)
+    ('auto', 'the load path decides')
+    >>> choose_engine("auto", 3, 148_000, 1369, 2, 8e9)
     ('iterative', 'a factorisation would take longer than 2 load steps')
-    >>> choose_engine(148_000, 1369, 200, 8e9)
+    >>> choose_engine("auto", 3, 148_000, 1369, 200, 8e9)
     ('iterative', 'with 1369 contacts a direct load step takes longer')
-    >>> choose_engine(148_000, 400, 200, 8e9)
+    >>> choose_engine("auto", 3, 148_000, 400, 200, 8e9)
     ('direct', 'one factorisation serves 200 load steps')
-    >>> choose_engine(1_060_000, 5041, 100, 8e9)
+    >>> choose_engine("auto", 3, 1_060_000, 5041, 100, 8e9)
     ('iterative', 'the factor would take 33.2 GB of 8 GB')
     """
+    if engine != "auto":
+        return engine, "it was asked for"
+    if d == 2:
+        return "direct", "the problem is plane"
     if free < tuning.LEAST_ITERATIVE:
         return "direct", "a small problem, factorised once"
+    if steps is None:
+        return "auto", "the load path decides"
     needed = forecast_bytes(free, contacts)
     if available is not None and needed > available:
         return (

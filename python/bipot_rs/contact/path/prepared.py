@@ -375,15 +375,12 @@ class PreparedStiffness:
                 choice.check_method(method, options.engine)
             return self.make_direct()
         iterative.record.replaced = ""
-        if options.engine == "auto":
-            if start is None or start.from_state:
-                self._choice = choice.choose_engine(
-                    options.free, self._contacts.count, steps, self._memory
-                )
-            else:
-                started = start.stats.keys() & {"krylov", REPLACED}
-                name = "iterative" if started else "direct"
-                self._choice = name, "it solved the step that the path continues from"
+        if options.engine == "auto" and start is not None and not start.from_state:
+            started = start.stats.keys() & {"krylov", REPLACED}
+            name = "iterative" if started else "direct"
+            self._choice = name, "it solved the step that the path continues from"
+        else:
+            self._choice = self._choose(steps)
         if self._choice[0] == "direct":
             return self.make_direct()
         self._tell_iterative()
@@ -460,7 +457,6 @@ class PreparedStiffness:
         limit = options.memory_limit
         self._memory = available() if limit is None else limit
         if options.engine == "iterative":
-            self._choice = "iterative", "it was asked for"
             self._tell_iterative()
         elif options.steps is not None:
             self.choose_engine(options.steps, "auto")
@@ -575,9 +571,8 @@ class PreparedStiffness:
     def _make_iterative(self, given: Parts | MeshStiffness) -> Iterative | None:
         """The iterative engine, if it is wanted and can solve the problem."""
         options = self.options
-        why = self._find_reason_for_direct()
-        if why:
-            self._choice = "direct", why
+        self._choice = self._choose(None)
+        if self._choice[0] == "direct":
             return None
         from bipot_rs.contact.path.iterative import make_iterative
 
@@ -606,23 +601,19 @@ class PreparedStiffness:
             cause = one_triangle(given) or describe_enforced(given)
             raise with_message(error, f"{error}{cause}") from None
         self.seconds = time.perf_counter() - started
-        self._choice = "auto", "the load path decides"
         return iterative
 
-    def _find_reason_for_direct(self) -> str:
-        """Why the direct engine solves in any case; empty if that is not decided."""
-        options = self.options
-        if options.engine == "direct":
-            return "it was asked for"
-        if options.engine == "iterative":
-            return ""
-        if self._contacts.d == 2:
-            return "the problem is plane"
-        if options.free < tuning.LEAST_ITERATIVE:
-            return "a small problem, factorised once"
-        if self._loads is not None or options.working_set is not None:
-            return "loads or working_set is given"
-        return ""
+    def _choose(self, steps: int | None) -> tuple[str, str]:
+        """The engine of a path of so many load steps, and why; ``"auto"`` without them."""
+        options, contacts = self.options, self._contacts
+        memory = None if steps is None else self._memory
+        name, why = choice.choose_engine(
+            options.engine, contacts.d, options.free, contacts.count, steps, memory
+        )
+        given = self._loads is not None or options.working_set is not None
+        if name == "auto" and given:
+            return "direct", "loads or working_set is given"
+        return name, why
 
     def _tell_iterative(self) -> None:
         """Call ``on_forecast`` with the counts of the iterative engine, once."""

@@ -226,10 +226,9 @@ class Assembly:
         """Whether `problem` can do without K: the iterative engine reads it in parts."""
         if self.dim == 2 or self.ties is not None or self.references or self.inclined:
             return False
-        if engine == "auto" and steps is not None:
-            free = self.n - len(self.fixed)
-            engine = choose_engine(free, len(self.gap), steps, available())[0]
-        return engine == "iterative"
+        free, contacts = self.n - len(self.fixed), len(self.gap)
+        name, _ = choose_engine(engine, self.dim, free, contacts, steps, available())
+        return name == "iterative"
 
     def _read_stiffness(
         self, engine: str, steps: int | None, num_threads: int | None

@@ -9,17 +9,27 @@ from bipot_rs.contact.path import choice
 from support.pressed_in_space import arrays
 
 
+def choose(
+    free: int, contacts: int, steps: int | None, available: float | None = None
+) -> tuple[str, str]:
+    return choice.choose_engine("auto", 3, free, contacts, steps, available)
+
+
 def test_long_paths_and_small_problems_are_direct() -> None:
-    assert choice.choose_engine(tuning.LEAST_ITERATIVE - 1, 500, 1, None)[0] == "direct"
-    assert choice.choose_engine(tuning.LEAST_ITERATIVE, 500, 10, None)[0] == "iterative"
-    assert choice.choose_engine(tuning.LEAST_ITERATIVE, 500, 11, None)[0] == "direct"
-    assert (
-        choice.choose_engine(tuning.LEAST_ITERATIVE, 1000, 11, None)[0] == "iterative"
-    )
+    least = tuning.LEAST_ITERATIVE
+    assert choose(least - 1, 500, 1)[0] == "direct"
+    assert choose(least, 500, 10)[0] == "iterative"
+    assert choose(least, 500, 11)[0] == "direct"
+    assert choose(least, 1000, 11)[0] == "iterative"
+    assert choose(least, 1000, None)[0] == "auto"
+    plane = choice.choose_engine("auto", 2, least, 1000, None, None)
+    assert plane == ("direct", "the problem is plane")
+    asked = choice.choose_engine("iterative", 2, 5, 1, 1000, None)
+    assert asked == ("iterative", "it was asked for")
 
 
 def test_a_factor_that_does_not_fit_is_not_made() -> None:
-    name, why = choice.choose_engine(500_000, 10_000, 1000, 1e9)
+    name, why = choose(500_000, 10_000, 1000, 1e9)
     assert name == "iterative"
     assert "of 1 GB" in why
 
