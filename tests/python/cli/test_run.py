@@ -140,14 +140,6 @@ def test_method_and_tolerance(tmp_path: Path) -> None:
     assert lines(tight.stdout)[:-1] != lines(loose.stdout)[:-1]
 
 
-def test_scenes(tmp_path: Path) -> None:
-    names = bipot("scenes", cwd=tmp_path).stdout.split()
-    assert "sheared_cube" in names
-    assert 'title = "' in bipot("scenes", "sheared_cube", cwd=tmp_path).stdout
-    wrong = bipot("scenes", "nothing", cwd=tmp_path, status=2)
-    assert "neither a file nor one of" in wrong.stderr
-
-
 def test_version(tmp_path: Path) -> None:
     told = bipot("--version", cwd=tmp_path)
     assert (told.stdout, told.stderr) == (f"bipot-rs {bp.__version__}\n", "")

@@ -214,6 +214,16 @@ def line(number: int, text: str) -> Edit:
             lambda text: text + text.splitlines()[1] + "\n",
             "ux is already given on line 2",
         ),
+        *(
+            ("contacts.csv", line(3, f"10,{row}"), f"contacts.csv line 3: {words}")
+            for row, words in (
+                ("0,0,0.3,1,0", "the normal is zero"),
+                ("0,1,-0.3,1,0", "mu is -0.3, expected zero or positive"),
+                ("0,1,0.3,0,0", "area is 0, expected a positive number"),
+                ("0,1,,1,0", "mu is '', expected a finite number"),
+                ("0,1,0.3,1,inf", "gap is 'inf', expected a finite number"),
+            )
+        ),
     ],
 )
 def test_mistakes_name_file_and_line(
@@ -227,26 +237,6 @@ def test_mistakes_name_file_and_line(
     (last,) = map(json.loads, run.stdout.splitlines())
     assert words in last["message"]
     assert "\n" not in last["message"]
-
-
-@pytest.mark.parametrize(
-    ("row", "words"),
-    [
-        ("{},0,0,0.3,1,0", "the normal is zero"),
-        ("{},0,1,-0.3,1,0", "mu is -0.3, expected zero or positive"),
-        ("{},0,1,0.3,0,0", "area is 0, expected a positive number"),
-        ("{},0,1,,1,0", "mu is '', expected a finite number"),
-        ("{},0,1,0.3,1,inf", "gap is 'inf', expected a finite number"),
-    ],
-)
-def test_numbers_of_contacts(row: str, words: str, tmp_path: Path) -> None:
-    command, _ = written(tmp_path, "block")
-    path = tmp_path / "contacts.csv"
-    node = path.read_text().splitlines()[2].partition(",")[0]
-    path.write_text(line(3, row.format(node))(path.read_text()))
-    run = bipot(*command, cwd=tmp_path)
-    assert run.returncode == 2
-    assert f"contacts.csv line 3: {words}" in run.stderr
 
 
 def test_a_matrix_that_is_not_text(tmp_path: Path) -> None:

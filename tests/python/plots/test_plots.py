@@ -6,8 +6,9 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -691,43 +692,11 @@ def test_surface_in_space(cube: Any, quantity: str) -> None:
         np.testing.assert_array_equal(facets.get_array(), values[corners].ravel())
 
 
-class Camera:
-    """Camera of the recording plotter."""
-
-    def zoom(self, by: float) -> None:
-        self.near = by
-
-
-class Recorder:
-    """A plotter that records its calls."""
-
-    def __init__(self, **look: Any) -> None:
-        self.look, self.meshes, self.arrows = look, [], []
-        self.camera = Camera()
-
-    def add_mesh(self, mesh: Any, **look: Any) -> None:
-        self.meshes.append((mesh, look))
-
-    def add_arrows(self, *what: Any, **look: Any) -> None:
-        self.arrows.append((what, look))
-
-    def add_legend(self, *what: Any, **look: Any) -> None:
-        self.legend = what, look
-
-    def view_vector(self, towards: Any) -> None:
-        self.towards = towards
-
-    def show_axes(self) -> None:
-        """Nothing to record."""
-
-
-class Data:
+def data(points: Any, faces: Any = None, lines: Any = None) -> SimpleNamespace:
     """A mesh of PyVista with the data that is set."""
-
-    def __init__(self, points: Any, faces: Any = None, lines: Any = None) -> None:
-        self.points, self.faces, self.lines = points, faces, lines
-        self.point_data: dict[str, Any] = {}
-        self.cell_data: dict[str, Any] = {}
+    return SimpleNamespace(
+        points=points, faces=faces, lines=lines, point_data={}, cell_data={}
+    )
 
 
 def test_pyvista_is_given_the_surface(
@@ -735,12 +704,11 @@ def test_pyvista_is_given_the_surface(
 ) -> None:
     """With a recording module instead of PyVista, which is half a gigabyte."""
     model, result = cube
-    module: Any = ModuleType("pyvista")
-    module.Plotter, module.PolyData = Recorder, Data
+    module = MagicMock(PolyData=data)
     monkeypatch.setitem(sys.modules, "pyvista", module)
-    plotter = plots.surface3d(model, result, "slip", backend="pyvista")
-    assert plotter.look["off_screen"]
-    (surface, look), (outline, _) = plotter.meshes
+    plotter: Any = plots.surface3d(model, result, "slip", backend="pyvista")
+    assert module.Plotter.call_args.kwargs["off_screen"]
+    ((surface,), look), ((outline,), _) = plotter.add_mesh.call_args_list
     ((_, corners),) = contact_surface(model)
     faces = surface.faces.reshape(-1, 5)
     assert (faces[:, 0] == 4).all()
@@ -750,15 +718,17 @@ def test_pyvista_is_given_the_surface(
     np.testing.assert_array_equal(surface.point_data[look["scalars"]], size)
     assert look["scalars"] == "slip in the step [mm]"
     assert len(outline.lines) == 3 * 12 * 7
-    (((places, vectors), _),) = plotter.arrows
+    (places, vectors), _ = plotter.add_arrows.call_args
     # The longest arrow has 12 % of the size of the cube.
     longest = 0.12 * np.ptp(model.nodes) / size.max()
     np.testing.assert_array_equal(places, model.points[slips])
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), longest * size[slips])
     # From the side of the pictures of matplotlib.
-    assert (np.sign(plotter.towards) == [1, -1, 1]).all()
-    zones = plots.surface3d(model, result, "status", backend="pyvista", bodies=False)
-    ((surface, look),) = zones.meshes
+    ((towards,), _) = plotter.view_vector.call_args
+    assert (np.sign(towards) == [1, -1, 1]).all()
+    plotter.add_mesh.reset_mock()
+    plots.surface3d(model, result, "status", backend="pyvista", bodies=False)
+    (((surface,), _),) = plotter.add_mesh.call_args_list
     assert set(surface.cell_data["status"]) <= {0.0, 1.0, 2.0}
     assert len(surface.cell_data["status"]) == len(corners)
 
@@ -819,38 +789,33 @@ def test_a_band_of_reactions() -> None:
         plots.reaction_band(ranges, contacts={"x": SUPPORTS[:2]})
 
 
-# Function, scene, whether it takes the model, and further arguments.
-PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
-    "tractions": (plots.tractions, "line", False, {}),
-    "slip": (plots.slip, "line", False, {}),
-    "wear": (plots.wear, "worn", False, {}),
-    "blocks": (plots.blocks, "stacked", False, {"names": True}),
-    "pressure by cycle": (plots.wear, "worn", False, {"quantity": "pressure"}),
-    "band": (plots.reaction_band, "ranges", False, {"contacts": {"x": SUPPORTS}}),
-    "by friction": (
-        plots.sensitivity,
-        "decided",
-        False,
-        {"of": "energy", "unit": "mJ"},
-    ),
-    "by gap": (plots.sensitivity, "decided_in_space", False, {"by": "gap"}),
-    "by name": (plots.plot, "line", False, {"kind": "slip"}),
-    "zones": (plots.status_map, "line", False, {}),
-    "pressure": (plots.surface_map, "cube", False, {}),
-    "shear": (plots.surface_map, "cube", False, {"quantity": "shear"}),
-    "slip of a surface": (plots.slip, "cube", False, {}),
-    "status": (plots.status_map, "cube", False, {}),
-    "deformed": (plots.deformed, "line", True, {}),
-    "deformed, near": (plots.deformed, "line", True, {"near": 0.3}),
-    "deformed in space": (plots.deformed, "cube", True, {}),
-    "surface": (plots.surface3d, "cube", True, {}),
-    "status in space": (plots.surface3d, "cube", True, {"quantity": "status"}),
-    "resultants": (plots.resultants, "cycle", False, {}),
-    "shares": (plots.status_shares, "cycle", False, {}),
-    "loop": (plots.force_displacement, "cycle", False, {}),
-    "dissipation": (plots.dissipation, "cycle", False, {}),
-    "convergence": (plots.convergence, "line", False, {}),
-    "convergence of many": (plots.convergence, "cycle", False, {}),
+# Function, scene, and further arguments.
+PICTURES: dict[str, tuple[Callable[..., Any], str, dict[str, Any]]] = {
+    "tractions": (plots.tractions, "line", {}),
+    "slip": (plots.slip, "line", {}),
+    "wear": (plots.wear, "worn", {}),
+    "blocks": (plots.blocks, "stacked", {"names": True}),
+    "pressure by cycle": (plots.wear, "worn", {"quantity": "pressure"}),
+    "band": (plots.reaction_band, "ranges", {"contacts": {"x": SUPPORTS}}),
+    "by friction": (plots.sensitivity, "decided", {"of": "energy", "unit": "mJ"}),
+    "by gap": (plots.sensitivity, "decided_in_space", {"by": "gap"}),
+    "by name": (plots.plot, "line", {"kind": "slip"}),
+    "zones": (plots.status_map, "line", {}),
+    "pressure": (plots.surface_map, "cube", {}),
+    "shear": (plots.surface_map, "cube", {"quantity": "shear"}),
+    "slip of a surface": (plots.slip, "cube", {}),
+    "status": (plots.status_map, "cube", {}),
+    "deformed": (plots.deformed, "line", {}),
+    "deformed, near": (plots.deformed, "line", {"near": 0.3}),
+    "deformed in space": (plots.deformed, "cube", {}),
+    "surface": (plots.surface3d, "cube", {}),
+    "status in space": (plots.surface3d, "cube", {"quantity": "status"}),
+    "resultants": (plots.resultants, "cycle", {}),
+    "shares": (plots.status_shares, "cycle", {}),
+    "loop": (plots.force_displacement, "cycle", {}),
+    "dissipation": (plots.dissipation, "cycle", {}),
+    "convergence": (plots.convergence, "line", {}),
+    "convergence of many": (plots.convergence, "cycle", {}),
 }
 
 
@@ -871,9 +836,10 @@ PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
 def test_parts_of_a_picture_do_not_overlap(
     name: str, request: pytest.FixtureRequest
 ) -> None:
-    draw, of, bodies, more = PICTURES[name]
+    draw, of, more = PICTURES[name]
     model, result = request.getfixturevalue(of)
-    ax = draw(model, result, **more) if bodies else draw(result, **more)
+    bodies = [model] if draw in (plots.deformed, plots.surface3d) else []
+    ax = draw(*bodies, result, **more)
     assert overlaps(ax.figure) == []
 
 
