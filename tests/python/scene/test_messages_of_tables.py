@@ -74,32 +74,6 @@ WRONG: list[Any] = [
     *("", "x", "n/2", [], [1], [1, 2, 3, 4, 5], ["x"], [[]], [[1.0, "x"]], [{}]),
     *({}, {"x": 1}, {"value": "x"}, datetime.date(2026, 1, 1)),
 ]
-# Error types that each kind of schema of pydantic can give.
-TYPES = {
-    "bool": {"bool_type"},
-    "dict": {"dict_type"},
-    "float": {"float_type", "finite_number"},
-    "int": {"int_type", "int_from_float"},
-    "list": {"list_type"},
-    "literal": {"literal_error"},
-    "model": {"model_type", "model_attributes_type"},
-    "model-fields": {"extra_forbidden", "missing"},
-    "str": {"string_type"},
-    "function-before": {"value_error"},
-}
-LIMITS = {
-    "gt": "greater_than",
-    "ge": "greater_than_equal",
-    "lt": "less_than",
-    "le": "less_than_equal",
-    "min_length": "too_short",
-    "max_length": "too_long",
-}
-# These have no error of their own.
-PLAIN = {
-    *("default", "definitions", "definition-ref", "model-field", "nullable"),
-    *("tagged-union", "no-info"),
-}
 
 
 def tables() -> dict[str, dict[str, Any]]:
@@ -159,29 +133,6 @@ def test_no_message_is_one_of_pydantic(name: str) -> None:
     if name == "whole":
         # All kinds appear but those that strict tables cannot raise.
         assert set(MESSAGES) - kinds <= {"int_from_float", "model_attributes_type"}
-
-
-def schemas(node: Any) -> Iterator[dict[str, Any]]:
-    if isinstance(node, dict):
-        if isinstance(node.get("type"), str):
-            yield node
-        for value in node.values():
-            yield from schemas(value)
-    elif isinstance(node, list | tuple):
-        for value in node:
-            yield from schemas(value)
-
-
-def test_every_error_that_the_schema_can_raise_has_a_message() -> None:
-    """A new kind of table or limit needs a message, or stands in `PLAIN`."""
-    scene.read("pressed_block")  # pydantic builds the schema at the first use
-    for node in schemas(Scene.__pydantic_core_schema__):
-        if node["type"] in PLAIN:
-            continue
-        assert node["type"] in TYPES, node["type"]
-        assert set(MESSAGES) >= TYPES[node["type"]]
-        for limit, kind in LIMITS.items():
-            assert limit not in node or kind in MESSAGES
 
 
 def test_key_and_kind_of_each_mistake() -> None:

@@ -175,7 +175,7 @@ PARTS: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"material.soft.shear": [1.0, 2.0]},
-        "material.soft.shear: should have at least",
+        "material.soft.shear: number of entries should be at least 3",
     ),
     (
         {
@@ -232,7 +232,10 @@ PARTS: list[tuple[dict[str, Any], str]] = [
     ),
     ({"strain": [{"on": "blck", "tensor": [[1, 0], [0, 1]]}]}, "no body 'blck'"),
     ({"strain": [{"on": "block", "tensor": [[1, 0], [1, 1]]}]}, "should be symmetric"),
-    ({"strain": [{"on": "block", "tensor": [[1, 0], [1]]}]}, "strain.0.tensor.1: sho"),
+    (
+        {"strain": [{"on": "block", "tensor": [[1, 0], [1]]}]},
+        "strain.0.tensor.1: number of",
+    ),
     (
         {"strain": [{"on": "block", "expansion": 1.0}]},
         "needs expansion and temperature",

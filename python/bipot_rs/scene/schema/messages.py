@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.messages import count_noun
-from bipot_rs._lib.types import Record
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
 from bipot_rs.scene.schema.formula import TEXT_FOR_NUMBER, evaluate
 from bipot_rs.scene.schema.root import Scene
@@ -16,53 +14,38 @@ from bipot_rs.scene.schema.table import key_path
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
-# The context of an error of pydantic.
-_Context = Record
-
-
-def _length(sign: str, limit: str) -> Callable[[_Context], str]:
-    """Message about the length of a list or the number of tables."""
-
-    def write(about: _Context) -> str:
-        entries = count_noun(about[limit], "entry")
-        return f"should have {sign} {entries}, has {about['actual_length']}"
-
-    return write
-
-
-def _limit(words: str, name: str) -> Callable[[_Context], str]:
-    return lambda about: f"should be {words} {about[name]:.15g}"
-
-
-# For each kind of error that the tables can raise: the message, or a function that writes
-# it from the context of the error.
-MESSAGES: Mapping[str, tuple[MistakeKind, str | Callable[[_Context], str]]] = {
+# For each kind of error that the tables can raise: the message, with names of the context
+# of the error.
+MESSAGES: Mapping[str, tuple[MistakeKind, str]] = {
     "bool_type": (MistakeKind.TYPE, "should be true or false"),
     "dict_type": (MistakeKind.TYPE, "should be a table"),
     "extra_forbidden": (MistakeKind.UNKNOWN_KEY, "unknown key"),
     "finite_number": (MistakeKind.RANGE, "should be a finite number"),
     "float_type": (MistakeKind.TYPE, "should be a valid number"),
-    "greater_than": (MistakeKind.RANGE, _limit("greater than", "gt")),
+    "greater_than": (MistakeKind.RANGE, "should be greater than {gt:.15g}"),
     "greater_than_equal": (
         MistakeKind.RANGE,
-        _limit("greater than or equal to", "ge"),
+        "should be greater than or equal to {ge:.15g}",
     ),
     "int_from_float": (MistakeKind.INTEGER, "should be a valid integer"),
     "int_type": (MistakeKind.INTEGER, "should be a valid integer"),
-    "less_than": (MistakeKind.RANGE, _limit("less than", "lt")),
-    "less_than_equal": (MistakeKind.RANGE, _limit("less than or equal to", "le")),
+    "less_than": (MistakeKind.RANGE, "should be less than {lt:.15g}"),
+    "less_than_equal": (MistakeKind.RANGE, "should be less than or equal to {le:.15g}"),
     "list_type": (MistakeKind.TYPE, "should be a list"),
-    "literal_error": (
-        MistakeKind.RANGE,
-        lambda about: f"should be {about['expected']}",
-    ),
+    "literal_error": (MistakeKind.RANGE, "should be {expected}"),
     "missing": (MistakeKind.MISSING_KEY, "is missing"),
     "model_attributes_type": (MistakeKind.TYPE, "should be a table"),
     "model_type": (MistakeKind.TYPE, "should be a table"),
     "string_type": (MistakeKind.TYPE, "should be a text"),
-    "too_long": (MistakeKind.RANGE, _length("at most", "max_length")),
-    "too_short": (MistakeKind.RANGE, _length("at least", "min_length")),
-    "value_error": (MistakeKind.RANGE, lambda about: str(about["error"])),
+    "too_long": (
+        MistakeKind.RANGE,
+        "number of entries should be at most {max_length}, is {actual_length}",
+    ),
+    "too_short": (
+        MistakeKind.RANGE,
+        "number of entries should be at least {min_length}, is {actual_length}",
+    ),
+    "value_error": (MistakeKind.RANGE, "{error}"),
 }
 
 
@@ -84,7 +67,7 @@ def describe_error(
         Values of the names in formulas.
     """
     kind, words = MESSAGES.get(error["type"], (MistakeKind.RANGE, "is not valid"))
-    message = words if isinstance(words, str) else words(error.get("ctx", {}))
+    message = words.format(**error.get("ctx", {}))
     key = ".".join(key_path(error["loc"], table))
     parts = [str(part) for part in error["loc"]]
     if kind is MistakeKind.UNKNOWN_KEY:

@@ -276,7 +276,10 @@ class TestGrainOfTheCube:
             ["contact.0.mu=[0.3,-0.1]"],
             "contact.0.mu.1: should be greater than or equal",
         ),
-        (["contact.0.mu=[0.3]"], "contact.0.mu: should have at least 2 entries"),
+        (
+            ["contact.0.mu=[0.3]"],
+            "contact.0.mu: number of entries should be at least 2",
+        ),
         (["contact.0.mu=[0.3,0.1]"], "contact.0.axis: is missing"),
         (["contact.0.axis=[1,0,0]"], "contact.0.axis: needs two numbers in mu"),
         ([GRAIN[0], "contact.0.axis=[0,0,0]"], "contact.0.axis: should not be zero"),
