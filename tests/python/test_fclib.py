@@ -102,8 +102,6 @@ def test_solutions_guesses_and_info() -> None:
 
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False, width=64)
-# A problem whose numbers differ too much is refused, because it cannot be scaled.
-SOME = st.just(0.0) | st.floats(1e-60, 1e60) | st.floats(-1e60, -1e-60)
 
 
 @st.composite
@@ -147,56 +145,6 @@ def test_matrices_come_back_bit_for_bit(data: st.DataObject) -> None:
         matrix_read = fclib._File(file, 10**6).matrix("/W")
     assert parts(matrix_read) == before == parts(matrix)
     assert matrix_read.shape == matrix.shape
-
-
-@settings(max_examples=25)
-@given(data=st.data())
-@pytest.mark.slow
-def test_problems_come_back_bit_for_bit(
-    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    d, contacts = data.draw(st.sampled_from([2, 3])), data.draw(st.integers(1, 3))
-    size = d * contacts
-    target = tmp_path_factory.mktemp("files") / "a.hdf5"
-
-    def vector(*shape: int) -> Array:
-        array: Array = data.draw(hnp.arrays(np.float64, shape, elements=SOME))
-        return array
-
-    mu = data.draw(hnp.arrays(np.float64, contacts, elements=st.floats(0, 1e60)))
-    u, r = vector(contacts, d), vector(contacts, d)
-    if data.draw(st.booleans()):
-        square = sparse.csc_array(np.diag(vector(size)))
-        problem: Any = bp.ReducedProblem(square, vector(contacts, d), mu)
-        stored = fclib.Vectors(u, r)
-        names: tuple[str, ...] = ("q", "mu")
-    else:
-        n = data.draw(st.integers(1, 4))
-        problem = fclib.GlobalProblem(
-            sparse.coo_array(np.diag(vector(n))),
-            sparse.csr_array(vector(n, size)),
-            vector(n),
-            vector(contacts, d),
-            mu,
-        )
-        stored = fclib.Vectors(u, r, vector(n))
-        names = ("f", "w", "mu")
-    fclib.write(target, problem, stored, guesses=[stored, stored], info={"title": "µ"})
-    read_back = fclib.read(target)
-    assert type(read_back) is type(problem)
-    for name in names:
-        assert getattr(read_back, name).tobytes() == getattr(problem, name).tobytes()
-        assert getattr(read_back, name).shape == getattr(problem, name).shape
-    for name in ("W",) if len(names) == 2 else ("M", "H"):
-        assert parts(getattr(read_back, name)) == parts(getattr(problem, name))
-    answer = fclib.read_solution(target)
-    assert answer is not None
-    for vectors in (answer, *fclib.read_guesses(target)):
-        for given_, back in zip(stored, vectors, strict=True):
-            assert (given_ is None) == (back is None)
-            assert given_ is None or given_.tobytes() == back.tobytes()
-    assert len(fclib.read_guesses(target)) == 2
-    assert fclib.read_info(target)["title"] == "µ"
 
 
 def test_a_dense_matrix_is_written_whole(tmp_path: Path) -> None:
@@ -419,68 +367,46 @@ LOCAL, GLOBAL = "/fclib_local", "/fclib_global"
 @pytest.mark.parametrize(
     ("source", "change", "said"),
     [
-        (
-            "nespheres_10",
-            without(LOCAL),
-            "expected one of /fclib_local and /fclib_global",
-        ),
-        ("nespheres_10", put(GLOBAL + "/a", 1), "found both"),
+        ("nespheres_10", without(LOCAL), "expected one of /fclib_local and /fclib_"),
+        ("nespheres_10", put(GLOBAL, 1), "found both"),
         ("nespheres_10", put("/more", 1), "/more is unknown, not part of"),
-        ("nespheres_10", put(LOCAL + "/X", 1), "/fclib_local/X is unknown"),
-        ("nespheres_10", put(LOCAL + "/W/y", 1), "/fclib_local/W/y is unknown"),
-        ("nespheres_10", put(LOCAL + "/vectors/b", [1.0]), "/vectors/b is unknown"),
-        ("nespheres_10", put(LOCAL + "/spacedim", [4]), "/spacedim is 4, expected 2"),
-        ("nespheres_10", put(LOCAL + "/spacedim", [2]), "/W/m is 27, expected a mult"),
-        ("nespheres_10", put(LOCAL + "/W/n", [28]), "/W/n is 28, expected 27"),
-        ("nespheres_10", put(LOCAL + "/W/m", [-1]), "/W/m is -1, expected zero"),
-        ("nespheres_10", put(LOCAL + "/W/nz", [-3]), "/W/nz is -3, expected"),
-        ("nespheres_10", put(LOCAL + "/W/nzmax", [1]), "/W/nzmax is 1, expected 121"),
-        (
-            "nespheres_10",
-            edit(LOCAL + "/W/i", spoil(3, 27)),
-            "/W/i is 27 at position 3",
+        *(
+            ("nespheres_10", lambda file, change=change: change(file[LOCAL]), said)
+            for change, said in (
+                (put("X", 1), "/fclib_local/X is unknown"),
+                (put("W/y", 1), "/fclib_local/W/y is unknown"),
+                (put("vectors/b", [1.0]), "/vectors/b is unknown"),
+                (put("spacedim", [4]), "/spacedim is 4, expected 2"),
+                (put("spacedim", [2]), "/W/m is 27, expected a mult"),
+                (put("W/n", [28]), "/W/n is 28, expected 27"),
+                (put("W/m", [-1]), "/W/m is -1, expected zero"),
+                (put("W/nz", [-3]), "/W/nz is -3, expected"),
+                (put("W/nzmax", [1]), "/W/nzmax is 1, expected 121"),
+                (edit("W/i", spoil(3, 27)), "/W/i is 27 at position 3"),
+                (edit("W/i", spoil(3, -1)), "/W/i is -1 at position 3"),
+                (edit("W/p", spoil(0, 1)), "/W/p should ascend"),
+                (edit("W/p", spoil(3, 999)), "/W/p should ascend"),
+                (edit("W/x", spoil(7, np.nan)), "/W/x is nan at positi"),
+                (edit("W/x", shorter), "/W/x has 120 entries, expec"),
+                (edit("W/p", shorter), "/W/p has 27 entries, expec"),
+                (edit("vectors/q", spoil(7, np.inf)), "/q is inf at position 7"),
+                (edit("vectors/mu", spoil(2, -0.1)), "/mu is -0.1 at position 2"),
+                (edit("vectors/mu", shorter), "/mu has 8 entries, expected 9"),
+                (edit("vectors/q", lambda q: q.reshape(-1, 3)), "/q has 2 dimensions"),
+            )
         ),
-        (
-            "nespheres_10",
-            edit(LOCAL + "/W/i", spoil(3, -1)),
-            "/W/i is -1 at position 3",
+        *(
+            ("fe_cube_h8_9c", lambda file, change=change: change(file[GLOBAL]), said)
+            for change, said in (
+                (edit("M/i", spoil(5, 162)), "/M/i is 162 at"),
+                (edit("M/p", spoil(5, -1)), "/M/p is -1 at"),
+                (put("H/nz", [406]), "/H/nzmax is 405, exp"),
+                (put("H/m", [161]), "/H/m is 161, expected 162"),
+                (put("H/n", [26]), "/H/n is 26, expected a multi"),
+                (put("vectors/b", [1.0]), "/fclib_global/G is miss"),
+                (edit("vectors/f", shorter), "/vectors/f has 161"),
+            )
         ),
-        ("nespheres_10", edit(LOCAL + "/W/p", spoil(0, 1)), "/W/p should ascend"),
-        ("nespheres_10", edit(LOCAL + "/W/p", spoil(3, 999)), "/W/p should ascend"),
-        (
-            "nespheres_10",
-            edit(LOCAL + "/W/x", spoil(7, np.nan)),
-            "/W/x is nan at positi",
-        ),
-        ("nespheres_10", edit(LOCAL + "/W/x", shorter), "/W/x has 120 entries, expec"),
-        ("nespheres_10", edit(LOCAL + "/W/p", shorter), "/W/p has 27 entries, expec"),
-        (
-            "nespheres_10",
-            edit(LOCAL + "/vectors/q", spoil(7, np.inf)),
-            "/fclib_local/vectors/q is inf at position 7",
-        ),
-        (
-            "nespheres_10",
-            edit(LOCAL + "/vectors/mu", spoil(2, -0.1)),
-            "/fclib_local/vectors/mu is -0.1 at position 2",
-        ),
-        (
-            "nespheres_10",
-            edit(LOCAL + "/vectors/mu", shorter),
-            "/fclib_local/vectors/mu has 8 entries, expected 9",
-        ),
-        (
-            "nespheres_10",
-            edit(LOCAL + "/vectors/q", lambda q: q.reshape(-1, 3)),
-            "/fclib_local/vectors/q has 2 dimensions",
-        ),
-        ("fe_cube_h8_9c", edit(GLOBAL + "/M/i", spoil(5, 162)), "/M/i is 162 at"),
-        ("fe_cube_h8_9c", edit(GLOBAL + "/M/p", spoil(5, -1)), "/M/p is -1 at"),
-        ("fe_cube_h8_9c", put(GLOBAL + "/H/nz", [406]), "/H/nzmax is 405, exp"),
-        ("fe_cube_h8_9c", put(GLOBAL + "/H/m", [161]), "/H/m is 161, expected 162"),
-        ("fe_cube_h8_9c", put(GLOBAL + "/H/n", [26]), "/H/n is 26, expected a multi"),
-        ("fe_cube_h8_9c", put(GLOBAL + "/vectors/b", [1.0]), "/fclib_global/G is miss"),
-        ("fe_cube_h8_9c", edit(GLOBAL + "/vectors/f", shorter), "/vectors/f has 161"),
     ],
 )
 def test_wrong_content_is_named(
