@@ -134,6 +134,8 @@ def deformed(
         at_rest = floats("at_rest", at_rest, shape=(cells, 3, 3))
     mises = cell_fields(model, u, at_rest)["von_mises"]
     places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
+    if near is not None:
+        corners = _around_contacts(model, places, near)
     own_axes = ax is None
     ax = style.axes_of(ax, size=(5.4, 3.8), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
@@ -150,19 +152,19 @@ def deformed(
         cast("Axes3D", ax).view_init(*side)
     tails, longest = places[:0], 0.0
     if forces:
-        view = _view(model, places, near, corners)
+        extent = np.ptp(places if corners is None else corners, axis=0).max()
         reaction, frame = (
             np.asarray(shown_step.reaction),
             find_step_frames(shown_step, model.frame),
         )
         tails, longest = _forces(
-            model, places, reaction, frame, view, largest_force, ax
+            model, places, reaction, frame, extent, largest_force, ax
         )
     bands = _obstacles(model, shown_step, scale, ax) if model.dim == 2 else places[:0]
-    if corners is not None:
-        _show(corners[0], corners[1], ax)
-    else:
-        _limits(model, places, tails, bands, near, ax)
+    if corners is None:
+        drawn = np.concatenate([places, model.nodes, tails])
+        corners = _around_bodies(drawn, bands) if model.dim == 2 else drawn
+    _show(corners, ax)
     if own_axes:
         style.fit(ax)
     stress = style.stress_unit(units)
@@ -362,23 +364,6 @@ def box_in_space(places: Floats, ax: Axes3D) -> None:
     ax.set_box_aspect(half)
 
 
-def _view(
-    model: Assembly, places: Floats, near: float | None, box: Floats | None
-) -> float:
-    """Extent of the part that is drawn."""
-    if box is not None:
-        return float((box[1] - box[0]).max())
-    if near is not None:
-        return float((1 + 2 * near) * _contacts_extent(model, model.nodes))
-    return float(np.ptp(places, axis=0).max())
-
-
-def _contacts_extent(model: Assembly, places: Floats) -> float:
-    """Extent of the contacts; of a single contact, of the bodies."""
-    x = places[model.contact_dofs[:, 0] // model.dim]
-    return float(np.ptp(x, axis=0).max() or np.ptp(places, axis=0).max())
-
-
 def _forces(
     model: Assembly,
     places: Floats,
@@ -460,35 +445,28 @@ def _obstacles(model: Assembly, found: Step, scale: float, ax: Axes) -> Floats:
     return np.concatenate(bands)
 
 
-def _limits(
-    model: Assembly,
-    places: Floats,
-    tails: Floats,
-    bands: Floats,
-    near: float | None,
-    ax: Axes,
-) -> None:
-    if near is not None:
-        x = places[model.contact_dofs[:, 0] // model.dim]
-        around = near * _contacts_extent(model, places)
-        _show(x.min(axis=0) - around, x.max(axis=0) + around, ax)
-    elif model.dim == 3:
-        box_in_space(np.concatenate([places, model.nodes, tails]), ax)
-    else:
-        every = np.concatenate([places, model.nodes, tails])
-        low, high = every.min(axis=0), every.max(axis=0)
-        room = _AROUND * (high - low).max()
-        shown = np.clip(bands, low - room, high + room)
-        every = np.concatenate([every, shown])
-        low, high = every.min(axis=0), every.max(axis=0)
-        margin = 0.03 * (high - low).max()
-        _show(low - margin, high + margin, ax)
+def _around_contacts(model: Assembly, places: Floats, near: float) -> Floats:
+    """Corners ``(2, d)`` of the surroundings of the contacts; of a single one, by the bodies."""
+    x = places[model.contact_dofs[:, 0] // model.dim]
+    around = near * (np.ptp(x, axis=0).max() or np.ptp(places, axis=0).max())
+    return np.stack([x.min(axis=0) - around, x.max(axis=0) + around])
 
 
-def _show(low: Floats, high: Floats, ax: Axes) -> None:
-    """Show the part between two corners."""
-    if len(low) == 3:
-        box_in_space(np.stack([low, high]), ax)
+def _around_bodies(drawn: Floats, bands: Floats) -> Floats:
+    """Corners ``(2, 2)`` of what is drawn and of the near part of obstacles, with a margin."""
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    room = _AROUND * (high - low).max()
+    shown = np.concatenate([drawn, np.clip(bands, low - room, high + room)])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    margin = 0.03 * (high - low).max()
+    return np.stack([low - margin, high + margin])
+
+
+def _show(places: Floats, ax: Axes) -> None:
+    """Show the part that contains these places."""
+    if places.shape[1] == 3:
+        box_in_space(places, ax)
         return
-    ax.set_xlim(low[0], high[0])
-    ax.set_ylim(low[1], high[1])
+    (left, low), (right, high) = places.min(axis=0), places.max(axis=0)
+    ax.set_xlim(left, right)
+    ax.set_ylim(low, high)
