@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike
-from bipot_rs._lib.validation import floats, integer, number
+from bipot_rs._lib.validation import floats, integer
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
 from bipot_rs.theory.structure import Structure
@@ -26,6 +26,11 @@ from bipot_rs.theory.structure_state import StructureState
 
 # Of each of the soils: flow, stress at the end and stress at the start, as of `points`.
 SoilFields: TypeAlias = Sequence[tuple[Floats, Floats, Floats]]
+
+# Tolerance of constraints: of penetration relative to the largest displacement, of contact
+# forces to the largest reaction, of balance on rigid motions to the loads. Without it the
+# indicator at a computed solution would be infinite.
+_SLACK = 1e-9
 
 
 class Functionals:
@@ -53,10 +58,6 @@ class Functionals:
         [dSF91], its normal part is the gap ``u_n0 + h0`` and its tangential part zero.
     broken
         Contacts without cohesion in the step, ``(n_c,)``; default none.
-    slack
-        Tolerance of constraints: of penetration relative to the largest displacement, of
-        contact forces to the largest reaction, of balance on rigid motions to the loads.
-        Without it the indicator at a computed solution would be infinite.
 
     Attributes
     ----------
@@ -79,7 +80,6 @@ class Functionals:
         carried: ArrayLike | None = None,
         offset: ArrayLike | None = None,
         broken: Bools | None = None,
-        slack: float = 1e-9,
     ) -> None:
         if not isinstance(structure, Structure):
             raise make_type_error("structure", structure, "a Structure")
@@ -89,7 +89,6 @@ class Functionals:
         self._contact = structure.matrix
         self._by = structure.by
         self._law = structure.weaken(broken)
-        self._slack = number("slack", slack)
         force = np.zeros(n) if load is None else floats("load", load, shape=(n,))
         moved = np.zeros(len(fixed))
         if prescribed is not None:
@@ -158,7 +157,6 @@ class Functionals:
         k: int = -1,
         *,
         increments: bool = True,
-        slack: float = 1e-9,
     ) -> Functionals:
         """The functionals of step ``k`` of a solved load path.
 
@@ -207,14 +205,7 @@ class Functionals:
             if increments:
                 start = {"reaction": before.reaction, "displacement": u0}
                 start |= {"carried": before.load, "offset": offset + moved}
-        return cls(
-            structure,
-            step.load,
-            step.prescribed,
-            broken=step.broken,
-            slack=slack,
-            **start,
-        )
+        return cls(structure, step.load, step.prescribed, broken=step.broken, **start)
 
     def relative_displacement(self, du: ArrayLike) -> Floats:
         """``v = B du + offset``, ``(n_c, d)``: gap at the end and slip of the step."""
@@ -256,7 +247,7 @@ class Functionals:
             # e has the rounding of the loads, even where the loads balance each other.
             carried = np.linalg.norm(self._contact.T @ reaction.ravel())
             size = np.linalg.norm(rest) + carried + np.linalg.norm(force)
-            if lack > self._slack * size:
+            if lack > _SLACK * size:
                 return None
         motion = np.zeros(len(force))
         (w[bodies],) = core.displacements(
@@ -296,13 +287,10 @@ class Functionals:
         return force
 
     def complementary_energy(
-        self,
-        dr: ArrayLike,
-        at_supports: ArrayLike | None = None,
-        soils: SoilFields = (),
+        self, dr: ArrayLike, at_supports: ArrayLike | None = None
     ) -> float:
         """``W = ½ wᵀ K w`` with ``w`` of `elastic_answer`; infinite where that is ``None``."""
-        w = self.elastic_answer(dr, at_supports, soils)
+        w = self.elastic_answer(dr, at_supports)
         return np.inf if w is None else self._energy(w)
 
     def potential(self, du: ArrayLike) -> float:
@@ -342,7 +330,7 @@ class Functionals:
         finite = at_start.sum(axis=1) + self._law.limit(r) * self._slip(v)
         size = self._reach + (abs(self._contact) @ np.abs(u)).max(initial=0.0)
         size += np.abs(self.offset).max(initial=0.0)
-        outside = v[:, 0] < self._law.dilatancy * self._slip(v) - self._slack * size
+        outside = v[:, 0] < self._law.dilatancy * self._slip(v) - _SLACK * size
         outside |= self._beyond(r)
         return np.where(outside, np.inf, finite)
 
@@ -417,9 +405,7 @@ class Functionals:
         work = float(np.sum(self._before * self._relative(u)))
         return self.potential(u) + work + self._friction(u, reaction)
 
-    def stress_functional(
-        self, dr: ArrayLike, du: ArrayLike, at_supports: ArrayLike | None = None
-    ) -> float:
+    def stress_functional(self, dr: ArrayLike, du: ArrayLike) -> float:
         """``ΔΠ_b`` (72), which ``dr`` minimises for given slip of ``du``.
 
         Infinite if a reaction is outside the cone, or a free rigid motion is not balanced.
@@ -430,13 +416,13 @@ class Functionals:
             return np.inf
         work = float(np.sum(reaction * self.offset))
         friction = self._friction(self._admissible(du), reaction)
-        return self.complementary(reaction, at_supports) + work + friction
+        return self.complementary(reaction) + work + friction
 
     def _admissible(self, du: ArrayLike) -> Floats:
         u = floats("du", du, shape=(self._stiffness.shape[0],), copy=False)
         lack = np.abs(u[self._fixed] - self.prescribed)
         size = np.abs(u).max(initial=0.0) + np.abs(self.prescribed).max(initial=0.0)
-        if (lack > self._slack * size).any():
+        if (lack > _SLACK * size).any():
             at = int(np.argmax(lack))
             dof = int(self._fixed[at])
             raise ValueError(
@@ -463,7 +449,7 @@ class Functionals:
         """Contacts whose reaction is outside the cone by more than the slack."""
         force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
         shear = np.linalg.norm((r / self._by)[:, 1:], axis=1)
-        slack = self._slack * force
+        slack = _SLACK * force
         limit = self._law.cohesion + self._law.mu * np.maximum(r[:, 0], 0.0)
         limit += slack / self._by.min(axis=1)
         return np.asarray((r[:, 0] < -slack) | (shear > limit))
