@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -150,16 +149,7 @@ def assemble(
         contacts=tuple(contacts),
         K=None,
         B=B,
-        gap=met.gap,
-        mu=met.mu,
-        cohesion=met.cohesion,
-        dilatancy=met.dilatancy,
-        area=met.area,
-        points=met.points,
-        frame=met.frame,
         fixed=fixed,
-        contact_dofs=met.dofs,
-        group=met.group,
         support_dofs=tuple(support_dofs),
         dim=dim,
         moving=None if path is None else drop_equal_frames(path, met.frame),
@@ -173,6 +163,7 @@ def assemble(
         images=tuple(cuts),
         _bare=bare,
         _path=path,
+        **met._asdict(),
     )
     return assembly.with_stiffness() if stiffness else assembly
 
@@ -250,9 +241,8 @@ def _find_dofs(bodies: NumberedBodies, support: Support) -> Ints:
     return numbered.dofs[nodes].T[list(support.components)]
 
 
-@dataclass(frozen=True)
-class _Contacts:
-    """The arrays of all contacts, as in `Assembly`."""
+class _Contacts(NamedTuple):
+    """The arrays of all contacts, by their names in `Assembly`."""
 
     gap: Floats
     mu: Floats
@@ -261,7 +251,7 @@ class _Contacts:
     area: Floats
     points: Floats
     frame: Floats
-    dofs: Ints
+    contact_dofs: Ints
     group: Ints
 
 
@@ -290,7 +280,7 @@ def _stack(
         area=area,
         points=stacked("points", dim),
         frame=stacked("frame", dim, dim),
-        dofs=np.concatenate([no_dofs, *(m.dofs for m in meetings)]),
+        contact_dofs=np.concatenate([no_dofs, *(m.dofs for m in meetings)]),
         group=group,
     )
 
@@ -303,7 +293,8 @@ def _turn_tangents(
         return met
     # Contacts with two friction coefficients keep their tangents.
     plain = np.array([np.ndim(c.mu) == 0 for c in contacts], np.bool_)[met.group]
-    return replace(met, frame=inclined.tangents(met.frame, met.dofs[:, 0], plain))
+    turned = inclined.tangents(met.frame, met.contact_dofs[:, 0], plain)
+    return met._replace(frame=turned)
 
 
 def _stay_in_planes(
@@ -325,7 +316,7 @@ def _stay_in_planes(
         on = np.isin(np.arange(len(nodes)), np.concatenate(flat) // d)
         sides = [c.against and bodies[c.against[0]].dofs[:, 0] // d for c in contacts]
         halved = np.array([side is None or on[side].any() for side in sides], np.bool_)
-        inside = np.isin(met.dofs[:, 0], first) & halved[met.group]
+        inside = np.isin(met.contact_dofs[:, 0], first) & halved[met.group]
         inside &= abs(met.frame[:, 0] @ normal) <= _NO_WAY
         beside = B.tocoo()
         kept = inside[beside.row // d] & ~on[beside.col // d]
