@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead, place
 from bipot_rs._lib.records import short_repr
-from bipot_rs._lib.types import Floats, Integers, Ints
+from bipot_rs._lib.types import Bools, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats, show_value
 from bipot_rs.fem.bodies.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
@@ -278,7 +278,7 @@ class Body:
         from bipot_rs.mortar.facet_mesh import surface, turned_outward
         from bipot_rs.mortar.integrals import cut, gauss_points
 
-        self._within(np.zeros(0, np.int64), within, f"surface {name!r}")
+        nodes_within(self.mesh, within, f"within of surface {name!r}")
         outward = np.asarray(whole.normals).mean(axis=2).T
         facets = turned_outward(self.points, whole.corners, outward)
         title = f"{self.name}.{name}"
@@ -375,23 +375,32 @@ class Body:
         return nodes[np.flatnonzero(apart <= apart.min() + slack)[:1]]
 
     def _within(self, nodes: Ints, within: Box | None, whose: str) -> Ints:
-        if within is not None and not isinstance(within, Mapping):
-            raise TypeError(
-                f"within of {whose} is {show_value(within)}, expected ranges by axis, as in "
-                "{0: (0.0, 1.0)}"
+        return nodes[nodes_within(self.mesh, within, f"within of {whose}")[nodes]]
+
+
+def nodes_within(mesh: ElementMesh, within: Box | None, what: str) -> Bools:
+    """Whether nodes are in ranges of coordinates by axis, ``(nodes,)``; ``what`` names these."""
+    if within is not None and not isinstance(within, Mapping):
+        raise TypeError(
+            f"{what} is {show_value(within)}, expected ranges by axis, as in {{0: (0.0, 1.0)}}"
+        )
+    dim, count = mesh.p.shape
+    inside = np.ones(count, np.bool_)
+    for axis, ends in (within or {}).items():
+        if axis not in range(dim):
+            raise ValueError(
+                f"{what} has axis {axis}, expected one of {list(range(dim))}"
             )
-        for axis, ends in (within or {}).items():
-            if axis not in range(self.dim):
-                raise ValueError(
-                    f"within of {whose} has axis {axis}, expected one of "
-                    f"{list(range(self.dim))}"
-                )
-            low, high = floats(f"within of {whose}", ends, shape=(2,), finite=False)
-            x = self.mesh.p[axis, nodes]
-            # Nodes on the bound belong, whatever the rounding.
-            slack = 1e-9 * np.ptp(self.mesh.p[axis])
-            nodes = nodes[(x >= low - slack) & (x <= high + slack)]
-        return nodes
+        low, high = floats(what, ends, shape=(2,), finite=False)
+        if not low <= high:
+            raise ValueError(
+                f"{what} is {ends} along axis {axis}, expected (low, high) with low <= high"
+            )
+        x = mesh.p[axis]
+        # Nodes on the bound belong, whatever the rounding.
+        slack = 1e-9 * np.ptp(x)
+        inside &= (x >= low - slack) & (x <= high + slack)
+    return inside
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.fem.bodies.body import Body, Box
+from bipot_rs.fem.bodies.body import Body, Box, nodes_within
 from bipot_rs.fem.bodies.elasticity import surface_stiffness
 from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.mesh.elements import facet_nodes, kind_of
@@ -150,20 +150,7 @@ def surface(
     if within is None and normal is None:
         raise ValueError("surface needs within or normal")
     facets = np.flatnonzero((np.asarray(mesh.f2t)[1] >= 0) == inside)
-    low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
-    x = mesh.p[:, facet_nodes(mesh, facets)]
-    keep = np.ones(len(facets), dtype=np.bool_)
-    for axis, bounds in (within or {}).items():
-        if axis not in range(dim):
-            raise ValueError(f"within has axis {axis}, expected 0 to {dim - 1}")
-        least, most = floats(f"within[{axis}]", bounds, shape=(2,), finite=False)
-        if not least <= most:
-            raise ValueError(
-                f"within[{axis}] is {bounds}, expected (low, high) with low <= high"
-            )
-        # As in `Body.nodes`: nodes on the bound belong, whatever the rounding.
-        slack = 1e-9 * (high[axis] - low[axis])
-        keep &= ((x[axis] >= least - slack) & (x[axis] <= most + slack)).all(axis=1)
+    keep = nodes_within(mesh, within, "within")[facet_nodes(mesh, facets)].all(axis=1)
     if normal is not None:
         direction = floats("normal", normal, shape=(dim,))
         length = np.linalg.norm(direction)
@@ -179,6 +166,7 @@ def surface(
         keep &= cosine >= np.cos(np.deg2rad(angle)) - 1e-9
     if not keep.any():
         kind = "inner" if inside else "boundary"
+        low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
         ranges = ", ".join(
             f"{'xyz'[k]} from {low[k]:g} to {high[k]:g}" for k in range(dim)
         )
