@@ -386,5 +386,5 @@ def test_engines_and_estimates_that_need_one_frame_refuse() -> None:
     m.support("block.bottom", x=0.0, y=0.0)
     m.contact("block.top", against="floor", mu=0.3)
     m.path(way=[0.5, 1.0])
-    with pytest.raises(ValueError, match="an obstacle turns, or is curved and moves"):
+    with pytest.raises(ValueError, match="an obstacle that turns, or is curved and m"):
         Estimator(m.assemble())
