@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import bipot_rs as bp
 import bipot_rs._core as _core
-from bipot_rs.theory.convex import project_cone
 
 Array = NDArray[np.float64]
 DIMENSIONS = [2, 3, 4, 6]
@@ -55,20 +53,6 @@ def test_the_pair_is_on_the_law(d: int, seed: int) -> None:
 
 
 @pytest.mark.parametrize("d", DIMENSIONS)
-def test_fixed_point_of_one_projection(d: int) -> None:
-    """(79) with dilatancy: ``r = proj(r - (v + (μ - β)‖v_t‖ n))`` for a cone."""
-    tau, points = draw(d)
-    points[:, 3] = 0.0
-    r, v, _ = _core.respond_points(tau, points)
-    mu, beta = points[:, 2], points[:, 4]
-    x = r - v
-    x[:, 0] -= (mu - beta) * np.linalg.norm(v[:, 1:], axis=1)
-    up, across = project_cone(x[:, 0], x[:, 1:], mu)
-    # Slips are up to ten times the stresses.
-    assert np.column_stack([up, across]) == pytest.approx(r, abs=1e-13)
-
-
-@pytest.mark.parametrize("d", DIMENSIONS)
 @pytest.mark.parametrize("hardening", [0.0, 0.3])
 def test_jacobian_is_the_derivative(d: int, hardening: float) -> None:
     tau, points = draw(d)
@@ -98,19 +82,6 @@ def test_hardening_raises_the_limit_by_the_slip() -> None:
     assert (drag <= limit + 1e-14).all()
     assert (slip > 0).sum() > 50
     assert drag[slip > 0] == pytest.approx(limit[slip > 0], abs=1e-14)
-
-
-def test_a_point_without_dilatancy_is_a_contact() -> None:
-    """One contact of the solver, with the springs as its compliance."""
-    tau, points = draw(3, count=60)
-    points[:, 3:5] = 0.0
-    points[:, 2] = np.maximum(points[:, 2], 0.1)
-    r, _, _ = _core.respond_points(tau, points)
-    for k in range(60):
-        W = np.diag(1 / points[k, [0, 1, 1]])
-        contact = bp.ReducedProblem(W, -(W @ tau[k])[None], points[k, 2])
-        # 1e-14 of reactions of order one.
-        assert contact.solve(tol=1e-14).reaction[0] == pytest.approx(r[k], abs=1e-13)
 
 
 def test_bits_do_not_depend_on_threads() -> None:

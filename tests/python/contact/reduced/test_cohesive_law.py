@@ -380,15 +380,6 @@ def test_derivatives_against_differences(seed: int) -> None:
     assert backward == pytest.approx(forward, rel=1e-9, abs=1e-10)
 
 
-def test_derivatives_of_one_contact() -> None:
-    """r = (0.5, -c - mu / 2) slides; dr_t = -dc - dmu / 2."""
-    solution = one([-1.0, 2.0], cohesion=0.4)
-    np.testing.assert_allclose(solution.jvp(cohesion=1.0).reaction, [[0.0, -1.0]])
-    gradient = solution.vjp(reaction=[[0.0, 1.0]])
-    assert gradient.cohesion[0] == pytest.approx(-1.0)
-    assert gradient.mu[0] == pytest.approx(-0.5)
-
-
 # The border of the program.
 
 
