@@ -115,28 +115,20 @@ def test_the_shrink_fit_in_other_units() -> None:
     assert fit("P2", 4)[1].area.sum() == pytest.approx(2 * np.pi * 2.0, rel=1e-13)
 
 
-def scene(n: int, **body: Any) -> Any:
-    """The shrink fit of a solid shaft, free to lengthen, from tables."""
-    m = bp.Model("fit")
-    m.material("steel", young=210e9, poisson=0.3)
-    common = {
-        "material": "steel",
-        "plane": "axisymmetric",
-        "cell": "quadrilateral",
-        **body,
-    }
-    length = {"from": 0.0, "to": 0.01, "cells": n}
-    m.body("shaft", x={"from": 0.0, "to": 0.01, "cells": n}, y=length, **common)
-    m.body("hub", x={"from": 0.01, "to": 0.02, "cells": n}, y=length, **common)
-    m.contact("shaft.right", against="hub.left", mu=0.0, clearance=-1e-5)
-    m.symmetry("shaft.bottom")
-    m.symmetry("hub.bottom")
-    return m
+KIND: dict[str, Any] = {"plane": "axisymmetric", "cell": "quadrilateral"}
 
 
 def test_a_solid_shaft_in_plane_stress_from_a_scene() -> None:
     """Ends are free and nothing holds r = 0 but the axis: p = E δ (c² - b²) / (2 b c²)."""
-    result = scene(8).solve()
+    m = bp.Model("fit")
+    m.material("steel", young=210e9, poisson=0.3)
+    length = np.linspace(0.0, 0.01, 9)
+    m.body("shaft", material="steel", x=length, y=length, **KIND)
+    m.body("hub", material="steel", x=0.01 + length, y=length, **KIND)
+    m.contact("shaft.right", against="hub.left", mu=0.0, clearance=-1e-5)
+    m.symmetry("shaft.bottom")
+    m.symmetry("hub.bottom")
+    result = m.solve()
     b, c, delta = 0.01, 0.02, 1e-5
     # Δr = δ = p b/E [(c² + b²)/(c² - b²) + ν + 1 - ν] in plane stress, uniform along z.
     pressure = 210e9 * delta * (c**2 - b**2) / (2 * b * c**2)
@@ -272,42 +264,26 @@ def test_derivatives_by_materials() -> None:
         _ = found.thickness
 
 
-def refused(what: str) -> None:
-    tube = fem.Body("tube", ring("Q1", 2, 1.0, 2.0, 1.0), steel())
-    if what == "negative":
+def test_what_a_body_of_revolution_cannot_have() -> None:
+    tube, solid = (
+        fem.Body("it", ring("Q1", 2, low, 2.0, 1.0), steel()) for low in (1.0, 0.0)
+    )
+    with pytest.raises(ValueError, match="has nodes at r = -1"):
         fem.Body("it", ring("Q1", 2, -1.0, 1.0, 1.0), steel())
-    if what == "space":
+    with pytest.raises(ValueError, match="its mesh must be in the plane"):
         fem.Body("it", fem.box([[0, 1]] * 3, "hexahedron"), steel())
-    if what == "thickness":
+    with pytest.raises(ValueError, match="a body of revolution has neither"):
         fem.Material(1.0, 0.3, thickness=2.0, axisymmetric=True)
-    if what == "mixed":
-        fem.assemble([tube, fem.Body("slab", tube.mesh, fem.Material(1.0, 0.3))], [])
-    if what == "symmetry":
-        fem.assemble([tube], [], symmetries=[fem.Symmetry("tube", "left")])
-    if what == "remote":
-        fem.assemble([tube], [], remotes=[fem.Remote("r", "tube", "left", (0.0, 0.0))])
-    if what == "axis":
-        solid = fem.Body("rod", ring("Q1", 2, 0.0, 2.0, 1.0), steel())
-        fem.assemble(
-            [solid], [fem.Contact("rod", "left", mu=0.0, plane=((0, 0), (1, 0)))]
-        )
-
-
-@pytest.mark.parametrize(
-    ("what", "message"),
-    [
-        ("negative", "has nodes at r = -1"),
-        ("space", "its mesh must be in the plane"),
-        ("thickness", "a body of revolution has neither"),
-        ("mixed", "body 'slab' is plane and others are axisymmetric"),
-        ("symmetry", "symmetry on 'left' of body 'tube'"),
-        ("remote", "remote 'r': bodies of revolution have no remotes"),
-        ("axis", "contact on 'left' of body 'rod' has no area at"),
-    ],
-)
-def test_what_a_body_of_revolution_cannot_have(what: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        refused(what)
+    slab = fem.Body("slab", tube.mesh, fem.Material(1.0, 0.3))
+    with pytest.raises(ValueError, match="body 'slab' is plane and others are axisymm"):
+        fem.assemble([tube, slab], [])
+    with pytest.raises(ValueError, match="symmetry on 'left' of body 'it'"):
+        fem.assemble([tube], [], symmetries=[fem.Symmetry("it", "left")])
+    with pytest.raises(ValueError, match="remote 'r': bodies of revolution have no re"):
+        fem.assemble([tube], [], remotes=[fem.Remote("r", "it", "left", (0.0, 0.0))])
+    contact = fem.Contact("it", "left", mu=0.0, plane=((0, 0), (1, 0)))
+    with pytest.raises(ValueError, match="contact on 'left' of body 'it' has no area"):
+        fem.assemble([solid], [contact])
 
 
 def test_only_the_motion_along_the_axis_is_free() -> None:
@@ -356,8 +332,7 @@ def test_a_sphere_that_a_force_presses_and_a_spring() -> None:
     m = bp.Model("ball")
     m.material("rubber", young=1.0, poisson=0.3)
     grid = np.linspace(0, 2, 9)
-    kind = {"plane": "axisymmetric", "cell": "quadrilateral"}
-    m.body("pad", material="rubber", x=grid, y=grid, **kind)
+    m.body("pad", material="rubber", x=grid, y=grid, **KIND)
     m.support("pad.bottom", y=0.0)
     ball = {"centre": [0.0, 5.0], "radius": 3.0}
     m.obstacle("ball", sphere=ball, force={"y": -0.01})
@@ -423,9 +398,8 @@ def test_a_seal_that_contact_alone_holds() -> None:
     """A ring between plates and a bore: to the last digits, in balance along z."""
     m = bp.Model("seal")
     m.material("rubber", young=5.0, poisson=0.45)
-    kind = {"plane": "axisymmetric", "cell": "quadrilateral", "order": 2}
     grid = np.linspace(0, 4, 13)
-    m.body("ring", material="rubber", x=18 + grid, y=grid, **kind)
+    m.body("ring", material="rubber", x=18 + grid, y=grid, order=2, **KIND)
     m.obstacle("plate", plane={"point": [0, 4], "normal": [0, -1]}, move={"y": -0.2})
     bore = {"point": [22.05, 0], "normal": [-1, 0]}
     m.contact("ring.top", against="plate", mu=0.3, pairing="mortar")

@@ -106,7 +106,9 @@ def test_normals(cell: str, d: int, order: int) -> None:
     assert first == remark
 
 
-def any_face(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(216))
+@pytest.mark.quick_variants(*map(str, {*range(16)} - {5, 7, 13, 15}))
+def test_normals_of_any_face(seed: int) -> None:
     """Exactly the reversed normals are found, for a body of any shape and direction."""
     rng = np.random.default_rng(seed)
     cell, d, order = CELLS[seed % len(CELLS)]
@@ -152,18 +154,6 @@ def any_face(seed: int) -> None:
         count = f"of {wrong.sum()} of the {len(at)} contact"
         assert count in remark
         assert f"first at contact {np.argmax(wrong)}:" in remark
-
-
-@pytest.mark.parametrize("seed", range(16))
-@pytest.mark.slow_variants("13", "15", "5", "7")
-def test_normals_of_any_face(seed: int) -> None:
-    any_face(seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(16, 216))
-def test_normals_of_many_faces(seed: int) -> None:
-    any_face(seed)
 
 
 @pytest.mark.parametrize("radius", [0.05, 0.3, 2.0])

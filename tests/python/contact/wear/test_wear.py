@@ -208,7 +208,7 @@ def test_wear_continues_with_jumps() -> None:
 
 
 def test_a_start_presses_without_wear() -> None:
-    body, problem, cycle = pad()
+    _, problem, cycle = pad()
     pressed = problem.solve(prescribed=cycle[1:2], tol=TOL)
     start_cycle = problem.wear(
         prescribed=cycle,
@@ -227,11 +227,10 @@ def test_a_start_presses_without_wear() -> None:
     np.testing.assert_allclose(
         start_cycle.worn[0], worn, rtol=0, atol=1e-6 * worn.max()
     )
-    del body
 
 
 def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
-    body, problem, cycle = pad()
+    _, problem, cycle = pad()
     steps = 0
     attempt = PathSolver.attempt
 
@@ -257,7 +256,6 @@ def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
         assert wear.paths <= 2 + len(wear.cycle) + made + 2 * wear.rejected
         if not jump:
             assert wear.paths == 2 + 50
-    del body
 
 
 def sliding() -> tuple[Any, Any]:
