@@ -12,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -62,30 +63,6 @@ def altered(draw: Callable[..., Any], table: dict[str, Any]) -> None:
         at[key] = [at[key]] if draw(st.booleans()) else {"x": at[key]}
     else:
         at[key] = draw(st.sampled_from(NASTY))
-
-
-def toml(value: Any) -> str:
-    """A value as TOML, with inline tables."""
-    if isinstance(value, dict):
-        inner = ", ".join(f"{_text(k)} = {toml(v)}" for k, v in value.items())
-        return f"{{ {inner} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(toml, value))}]"
-    if isinstance(value, str):
-        return _text(value)
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value)
-
-
-def document(table: dict[str, Any]) -> str:
-    """A whole TOML file."""
-    return "".join(f"{_text(key)} = {toml(value)}\n" for key, value in table.items())
-
-
-def _text(value: str) -> str:
-    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
 
 
 def damaged(content: bytes, count: int, seed: int) -> Iterator[bytes]:
@@ -185,7 +162,7 @@ def in_one_line(error: Exception, fate: str) -> str:
 
 def check_scene(path: Path, table: dict[str, Any]) -> str:
     """Outcome of a scene: ``refused``, ``no answer`` or ``solved``."""
-    path.write_text(document(table), encoding="utf-8")
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
     try:
         scene = read(str(path))
     except SceneError as error:

@@ -27,7 +27,6 @@ of each step. Units are those of the files, and must be consistent.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -390,30 +389,27 @@ def _of_nodes(path: Path) -> tuple[SparseMatrix, _Dofs]:
     if not entries:
         raise ValueError(f"{path} has no entries")
     index = np.array(entries, np.int64)
-    pairs = np.unique(np.concatenate([index[:, :2], index[:, 2:]]), axis=0)
-    number_of = {(int(a), int(b)): k for k, (a, b) in enumerate(pairs)}
-    n = len(number_of)
-    row = np.array([number_of[a, b] for a, b, _, _ in entries])
-    column = np.array([number_of[a, b] for _, _, a, b in entries])
-    _once(path, row, column, entries)
+    _once(path, index)
+    pairs, dof_of = np.unique(index.reshape(-1, 2), axis=0, return_inverse=True)
+    row, column = dof_of.reshape(-1, 2).T
+    n = len(pairs)
     K = coo_array((np.array(values), (row, column)), shape=(n, n)).tocsr()
     apart = row != column
     there = np.unique(row[apart] * n + column[apart])
     if not np.isin(there, column[apart] * n + row[apart]).any():
         # The file has one triangle, in an order of rows that the labels do not show.
         K = K + K.T - diags(K.diagonal(), format="csr")
+    number_of = {
+        (node, component): k for k, (node, component) in enumerate(pairs.tolist())
+    }
     return K, _Dofs(n, number_of, "")
 
 
-def _once(
-    path: Path, row: Ints, column: Ints, entries: Sequence[tuple[int, ...]]
-) -> None:
+def _once(path: Path, index: Ints) -> None:
     """Refuse an entry that is given twice, as in matrices that are not assembled."""
-    _, first, counts = np.unique(
-        np.stack([row, column]), axis=1, return_index=True, return_counts=True
-    )
+    entries, counts = np.unique(index, axis=0, return_counts=True)
     if (counts > 1).any():
-        at = entries[int(first[np.argmax(counts > 1)])]
+        at = tuple(entries[np.argmax(counts > 1)].tolist())
         raise ValueError(
             f"{path} gives the entry of {at[:2]} and {at[2:]} several times: assemble the "
             "element matrices first"
