@@ -66,7 +66,14 @@ def cube(
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 @pytest.mark.parametrize(
     ("high", "low"),
-    [("T6", "Q8"), ("Q8", "T6"), ("T3", "Q9"), ("Q4", "Q8"), ("Q9", "T3")],
+    [
+        ("T6", "Q8"),
+        ("Q8", "T6"),
+        ("T3", "Q9"),
+        ("Q4", "Q8"),
+        ("Q9", "T3"),
+        ("Q8", "Q9"),
+    ],
 )
 def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> None:
     """Two non-matching bodies on symmetry planes whose normals are not along axes."""
@@ -81,6 +88,8 @@ def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> No
     planes = [fem.Symmetry(b.name, s) for b in bodies for s in ("left", "front")]
     planes.append(fem.Symmetry("low", "bottom"))
     model = fem.assemble(bodies, [contact], symmetries=planes)
+    assert model.area.sum() == pytest.approx(unit**2, rel=1e-13)
+    assert (model.area > 0).all()
     load = model.pressure("high", "top", P / unit**2)
     result = model.problem().solve(load, model.prescribed([]), tol=1e-14)
     x = model.nodes @ turn / unit

@@ -57,24 +57,6 @@ def is_uniform(model: fem.Assembly, result: Any, base: float) -> None:
     np.testing.assert_allclose(result.traction[0][:, 0], P, rtol=10 * PATCH)
 
 
-@pytest.mark.parametrize(
-    ("high", "low"),
-    [("T6", "Q8"), ("Q8", "T6"), ("T6", "T3"), ("Q4", "Q8"), ("Q8", "Q9")],
-)
-def test_patch_of_two_bodies(high: str, low: str) -> None:
-    bodies = [
-        cube(high, "high", 0.0, [0.0, 0.45, 1.0]),
-        cube(low, "low", -1.0, [0.0, 0.3, 0.7, 1.0]),
-    ]
-    contact = fem.Contact(
-        "high", "bottom", 0.5, against=("low", "top"), pairing="mortar"
-    )
-    model, result = solved(bodies, [contact])
-    assert model.area.sum() == pytest.approx(1, rel=1e-13)
-    assert (model.area > 0).all()
-    is_uniform(model, result, -1.0)
-
-
 @pytest.mark.parametrize("kind", ["T6", "Q8", "Q9"])
 def test_patch_on_a_plane(kind: str) -> None:
     body = cube(kind, "high", 0.0, [0.0, 0.45, 1.0])

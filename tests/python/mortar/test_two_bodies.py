@@ -19,6 +19,9 @@ pytestmark = pytest.mark.needs_extra
 Array = NDArray[np.float64]
 PLANE, SPACE = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
 MIXED = [(a, b) for cells in (PLANE, SPACE) for a in cells for b in cells]
+# In space, bodies of second order are in test_extreme_meshes.
+SECOND = [("triangle6", "triangle"), ("triangle", "quadrilateral9")]
+SECOND += [("quadrilateral9", "triangle6")]
 NU, P = 0.3, 1e-3
 
 
@@ -37,9 +40,10 @@ def block(
     Nodes of the contact surface stay on it, nodes of the sides stay on the sides.
     """
     up = 1.0 if name == "up" else -1.0
-    dim = 2 if cell in PLANE else 3
+    corners = cell.rstrip("69")
+    dim = 2 if corners in PLANE else 3
     height = np.linspace(0, up, n + 1)
-    mesh = fem.box([np.linspace(low, high, n + 1)] * (dim - 1) + [height], cell)
+    mesh = fem.box([np.linspace(low, high, n + 1)] * (dim - 1) + [height], corners)
     x = mesh.p.copy()
     random = np.random.default_rng(seed)
     inside = ((x[:-1] > low) & (x[:-1] < high)).all(axis=0) & (abs(x[-1]) < 1)
@@ -49,6 +53,8 @@ def block(
     x[:, inside] += amount[:, inside]
     x[-1] += slope * x[0] * (1 - abs(x[-1]))
     mesh = type(mesh)(x, mesh.t).with_boundaries(mesh.boundaries)
+    if cell != corners:
+        mesh = fem.second_order(mesh)
     return fem.Body(name, mesh, fem.Material(1.0, NU))
 
 
@@ -108,7 +114,7 @@ def pressed(
 
 
 @pytest.mark.parametrize("slave", ["up", "low"])
-@pytest.mark.parametrize("cells", MIXED)
+@pytest.mark.parametrize("cells", MIXED + SECOND)
 def test_patch(cells: tuple[str, str], slave: str) -> None:
     model, result = pressed(cells, slave)
     exact = uniform(model.nodes)
