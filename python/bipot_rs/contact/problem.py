@@ -218,9 +218,11 @@ class ContactProblem:
         _steps: int | None = None,
         _kinematics: tuple[Floats, Floats, Floats] | None = None,
         _latches: tuple[Ints, Floats] | None = None,
+        _interference: Bools | None = None,
     ) -> None:
-        # `fem` has supports that K and B do not contain, and knows the number of steps, and
-        # the rigid motions of reference points.
+        # `fem` has supports that K and B do not contain, and knows the number of steps, the
+        # rigid motions of reference points, and which contacts are meant to penetrate.
+        self._interference = _interference
         stiffness: Csr | MeshStiffness
         if isinstance(K, MeshStiffness):
             stiffness, operator = K, csr("B", B)
@@ -881,6 +883,7 @@ class ContactProblem:
             if self.loading.held is None and options.kinematics is None
             else None,
             options.places,
+            interference=self._interference,
             stacklevel=3,
         )
 

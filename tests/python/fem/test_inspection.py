@@ -62,7 +62,11 @@ def test_penetration() -> None:
         (0.01, 1),
     ):
         wanted = replace(on(tilted), clearance=clearance)
-        assert len(inspect(fem.assemble([cube()], [wanted]))) == count
+        model = fem.assemble([cube()], [wanted])
+        assert len(inspect(model)) == count
+        # The arrays of the model are examined too, and give the same answer.
+        at_start = model.problem().remarks.at_start
+        assert sum("penetrate" in remark for remark in at_start) == count
     # The same in other units; rounding gives no warning.
     big = fem.assemble([cube(size=1e4)], [on(([0, 0, 500], [0.05, 0, 1.0]))])
     assert inspect(big)[0].startswith("12 of the 16 nodes")

@@ -16,7 +16,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun, place
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import Csr
 from bipot_rs.contact import tuning
 from bipot_rs.contact.results.solution import Step
@@ -61,6 +61,7 @@ def examine_arrays(
     stiffness: Csr | InspectedBodies | None = None,
     places: Floats | None = None,
     *,
+    interference: Bools | None = None,
     stacklevel: int = 2,
 ) -> ProblemRemarks:
     """Look for what seems wrong in the arrays of a problem.
@@ -69,6 +70,7 @@ def examine_arrays(
     ``gap (n_c, d)``: gaps by component.
     ``points, places``: coordinates of the contacts ``(n_c, d)`` and of the degrees of freedom
     ``(n, d)``.
+    ``interference (n_c,)``: contacts that are meant to penetrate.
     ``stiffness``: K, if it has the rigid motions of its bodies, or what was found in it.
     ``stacklevel``: as for `warnings.warn`, which is called if K has its degrees of freedom in
     another order than ``places`` or the contacts.
@@ -87,7 +89,8 @@ def examine_arrays(
         elif places is not None:
             with np.errstate(over="ignore", invalid="ignore"):
                 outward, strength = measure_bodies(stiffness, places, gap.shape[1])
-    texts += _find_penetration(gap[:, 0], points, places)
+    depth = gap[:, 0] if interference is None else np.where(interference, 0, gap[:, 0])
+    texts += _find_penetration(depth, points, places)
     if outward is not None and len(gap):
         texts += _find_wrong_normals(contact, gap, outward, places)
     return ProblemRemarks(tuple(texts), strength)

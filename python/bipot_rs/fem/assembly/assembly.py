@@ -18,7 +18,7 @@ from bipot_rs._lib.machine import available
 from bipot_rs._lib.matrices import diagonal_matrix, rigid_motions
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.records import short_repr
-from bipot_rs._lib.types import AnyArray, CsrMatrix, Floats, Integers, Ints
+from bipot_rs._lib.types import AnyArray, Bools, CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.errors import (
     NotIterativeError,
@@ -454,6 +454,7 @@ class Assembly:
                 _steps=steps,
                 _kinematics=self._find_kinematics(),
                 _latches=self._find_latches(),
+                _interference=self.find_interference(),
                 bodies=first_dofs,
             )
         except ValueError as error:
@@ -488,6 +489,16 @@ class Assembly:
         cells = f" (the most slender is at {at}, {ratio:.2g} times as long as thick)"
         reason = describe_soft(f"body {body.name!r}", motion, cells)
         return with_message(error, reason)
+
+    def find_interference(self) -> Bools:
+        """Contacts that a negative clearance asks to penetrate at the start, ``(n_c,)``."""
+        asked = np.zeros(len(self.gap), np.bool_)
+        for group, contact in enumerate(self.contacts):
+            own, added = self.group == group, contact.clearance
+            if callable(added):
+                added = added(self.points[own])
+            asked[own] = np.any(np.asarray(added) < 0)
+        return asked
 
     def _find_latches(self) -> tuple[Ints, Floats] | None:
         """Degrees of freedom of the shortenings of bolts, and the part of each force here."""

@@ -107,13 +107,10 @@ def _groups(model: Assembly) -> Iterator[tuple[int, Ints]]:
 
 
 def _penetrating(model: Assembly) -> Iterator[str]:
-    size = _size(model)
+    size, wanted = _size(model), model.find_interference()
     for group, at in _groups(model):
-        clearance = model.contacts[group].clearance
-        added = clearance(model.points[at]) if callable(clearance) else clearance
-        inside = at[model.gap[at] < -_ROUNDING * size]
-        # A negative clearance asks for an interference.
-        if inside.size and not np.any(np.asarray(added) < 0):
+        inside = at[(model.gap[at] < -_ROUNDING * size) & ~wanted[at]]
+        if inside.size:
             deepest = inside[np.argmin(model.gap[inside])]
             depth = -float(model.gap[deepest])
             yield (
