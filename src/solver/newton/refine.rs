@@ -42,7 +42,32 @@ pub fn forward_error<const D: usize>(
     before: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Option<(f64, f64)>, Error> {
-    Ok(correction(problem, point, before, stop)?.map(|c| c.moved))
+    let Some(next) = correction(problem, point, before, stop)? else {
+        return Ok(None);
+    };
+    let change: Vec<[f64; D]> = next.v.iter().zip(&point.v).map(minus).collect();
+    let (of_r, of_v) = next.moved;
+    Ok(Some((
+        of_r,
+        without_cancellation(problem, point, &change, of_v),
+    )))
+}
+
+/// The relative size of a change of `v`. Where the change is not smaller than `v`, loads and
+/// reactions cancel: it is then relative to what each of them would cause alone.
+fn without_cancellation<const D: usize>(
+    problem: &Reduced<D>,
+    point: &RefinedPoint<D>,
+    change: &[[f64; D]],
+    relative: f64,
+) -> f64 {
+    if relative < 1.0 {
+        return relative;
+    }
+    let mut caused = vec![[0.0; D]; change.len()];
+    problem.compliance.product(&point.r, &mut caused);
+    let by_loads = share(change.as_flattened(), problem.q.as_flattened());
+    share(change.as_flattened(), caused.as_flattened()).min(by_loads)
 }
 
 /// The same for changes `wanders` of `v` and of `ê`: how far each changes the reactions, and with
@@ -81,10 +106,11 @@ pub fn forward_change<const D: usize>(
         };
         let part = |there: &[[f64; D]], here: &[[f64; D]], whole: &[[f64; D]]| {
             let change: Vec<[f64; D]> = there.iter().zip(here).map(minus).collect();
-            share(change.as_flattened(), whole.as_flattened())
+            (share(change.as_flattened(), whole.as_flattened()), change)
         };
-        let of_r = part(&there.r, &here.r, &point.r);
-        let of_v = part(&there.v, &here.v, &total);
+        let (of_r, _) = part(&there.r, &here.r, &point.r);
+        let (of_v, change) = part(&there.v, &here.v, &total);
+        let of_v = without_cancellation(problem, point, &change, of_v);
         if !(of_r.is_finite() && of_v.is_finite()) {
             return Ok(None);
         }

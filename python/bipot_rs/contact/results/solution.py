@@ -204,10 +204,10 @@ class Solution:
         ``‖r - r*‖ / ‖r*‖`` and ``‖v - v*‖ / ‖v*‖``, estimated with one more Newton
         correction (19), where ``v`` is summed in double the precision (with ``K``, if
         there is one). It is computed on first use, at the cost of about one factorisation
-        of the closed contacts. If all contacts stick, ``v`` is rounding error and its
-        estimate means nothing. With ``stiffness_rtol`` both include the effect of the
-        error of ``K``. The iterative engine estimates both in each step, with one
-        application of its preconditioner.
+        of the closed contacts. If all contacts stick, ``v`` is rounding error: the second is
+        then relative to ``W r`` or ``q``, which cancel in it. With ``stiffness_rtol`` both
+        include the effect of the error of ``K``. The iterative engine estimates both in
+        each step, with one application of its preconditioner.
 
         It is ``None`` if the reactions are not determined (redundant supports), if the
         solve did not converge, or if the problem is not available: the solution was read

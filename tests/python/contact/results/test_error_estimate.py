@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
+from bipot_rs import fem
 from support.bodies import block
 from support.oracle import Problem
 from support.pressed import MU, cube, free, square
 from support.smoothing import follow
 
 Array = NDArray[np.float64]
+CELL = {2: "quadrilateral", 3: "hexahedron"}
 # Each method stops at its tolerance, so it leaves an error of the size of tol. In "auto",
 # Newton's last step leaves the square of that.
 SLOW = ("gauss_seidel", "nesterov", "uzawa", "uzawa_two_projection")
@@ -37,6 +39,34 @@ def within_three(solution: Any, r: Array, v: Array) -> None:
     ):
         assert true > 1e-12  # # well above the rounding of the reference
         assert true / 3 <= estimate <= 3 * true
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("held", [True, False])
+def test_loads_that_the_contacts_carry_at_once(dim: int, held: bool) -> None:
+    """Nothing moves: v is rounding, and its error is one relative to what it is made of.
+
+    Loads act at the contact nodes, without friction above the limit. W has a condition of some
+    hundred, and each of its products some ten roundings.
+    """
+    model = fem.assemble(
+        [
+            fem.Body(
+                "b",
+                fem.box([np.linspace(0, 1, 4)] * dim, CELL[dim]),
+                fem.Material(210e3, 0.3),
+            )
+        ],
+        [fem.Contact("b", "bottom", 0.3, plane=(np.zeros(dim), np.eye(dim)[-1]))],
+        [fem.Support("b", "top", tuple(range(dim)))] if held else [],
+    )
+    force = np.zeros_like(model.nodes)
+    below = np.flatnonzero(model.nodes[:, -1] == 0)
+    force[below, -1], force[below, 0] = -1.0 - below / 3, 0.1
+    step = model.problem(engine="direct").solve(force.ravel())[0]
+    assert np.abs(step.displacement).max() < 1e-17  # F / E is 5e-6
+    assert step.error_estimate is not None
+    assert max(step.error_estimate) < 1e-13
 
 
 @pytest.mark.parametrize("tol", [1e-4, 1e-8])
