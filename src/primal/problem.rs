@@ -229,7 +229,14 @@ impl<const D: usize> Primal<D> {
             reason = "a forecast"
         )]
         let hierarchy = (tuning::hierarchy_bytes() * own as f64) as usize;
-        (own, hierarchy + tuning::vector_bytes() * self.order())
+        let vectors = tuning::vector_bytes() * self.order();
+        // A second hierarchy follows the statuses; the factor of the filter is about as large as
+        // its rows.
+        let joined = self
+            .interface
+            .as_ref()
+            .map_or(0, |interface| hierarchy + 2 * interface.rows.bytes());
+        (own, hierarchy + joined + vectors)
     }
 
     /// The same bodies and contacts with other laws. `elliptic` is the change

@@ -141,9 +141,7 @@ def peak_mb() -> float:
     the memory of that program.
     """
     if sys.platform == "linux":
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-        (peak,) = (row for row in status.splitlines() if row.startswith("VmHWM:"))
-        mb = int(peak.split()[1]) / 2**10  # in kB
+        mb = _read_status("VmHWM") / 2**10
     elif sys.platform == "win32":
         mb = _peak_working_set() / 2**20
     else:
@@ -151,6 +149,19 @@ def peak_mb() -> float:
 
         mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # in bytes
     return round(mb, 1)
+
+
+def resident() -> float:
+    """Bytes of memory that this process holds; on other systems than Linux the most so far."""
+    return (
+        1024.0 * _read_status("VmRSS") if sys.platform == "linux" else 2**20 * peak_mb()
+    )
+
+
+def _read_status(name: str) -> int:
+    """A size [kB] that Linux tells of this process."""
+    rows = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(int(row.split()[1]) for row in rows if row.startswith(f"{name}:"))
 
 
 if sys.platform == "win32":

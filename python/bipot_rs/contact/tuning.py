@@ -24,10 +24,12 @@ ADAPTIVE_STEPS = 8
 # Work of an iterative load step for each degree of freedom [flop], in the unit in which the
 # direct engine does 20 Gflop/s on a core. It only changes the forecast that is printed.
 STEP_FLOPS = 2e5
-# Work of a step with contacts between elastic bodies, in steps of one body on a rigid obstacle, and
-# nodes for each contact from which it is one: half of a bolted lap joint of 24,459, 64,551 and
-# 244,905 unknowns takes 241, 266 and 412 Krylov iterations a step, a block some 22. Only printed.
-JOINED_SOLUTIONS, NODES_OF_JOINED = 12, 1.2
+# Where surfaces do not match: the work of an iterative step, in steps of one body on a rigid
+# obstacle, for so many unknowns, and the power with which it grows; the memory beside what is
+# counted, for longer Krylov spaces and pieces that the heap keeps. Half of a bolted lap joint of
+# 24,459, 64,551 and 244,905 unknowns takes 278, 306 and 412 Krylov iterations a step, a block or a
+# matching pair some 24. Only printed.
+JOINED_SOLUTIONS, JOINED_SIZE, JOINED_GROWTH, JOINED_BYTES = 12, 65_000, 0.16, 2.2
 # The factor of a cube of 10⁶ degrees of freedom [bytes], and the power with which it grows.
 # Half: the factor may not fit where the forecast says so; twice: the iterative engine solves
 # although a factor would fit.
@@ -40,20 +42,20 @@ FACTOR_BYTES, FACTOR_GROWTH = 29e9, 1.34
 # Rate of the condensation [flop/s per core]. benches/README.md has twice as much on a server
 # core; small bodies and old machines have less.
 FLOP_RATE = 2e10
-# Dense factors, of all contacts, that a load step of the direct engine is worth: of the closed
-# ones it makes more.
-FACTORS_OF_STEP = 20
-# Copies of K beside the bytes that the core counts: the forecasts of the joints are within 2 %.
-COPIES_OF_K = 2
-# Matrices of the size of W beside the factor in a load step: half of a bolted joint with 24,459
-# unknowns and 731 contacts takes 458 MB, 277 MB to condense; with 8 the forecast is 463 MB.
+# Products with W that the load steps of the direct engine are worth: of the first for each row of
+# W, of another one, and of each where surfaces do not match; and how fast W is read [bytes/s per
+# core]. Cubes and pairs take 0.09 to 0.12 for each row, then 20 to 25; half of bolted joints with
+# 731 and 1351 contacts takes 1,100 a step.
+FIRST_PRODUCTS, PRODUCTS, JOINED_PRODUCTS, BYTE_RATE = 0.1, 25, 1100, 1e10
+# Matrices of the size of W, beside the factor, in a load step of the direct engine: half of bolted
+# joints with 731 and 1351 contacts takes 7.8 and 7.3. Half: runs take a half more than is said.
 COPIES_OF_W = 8
 # Memory of the iterative engine for each entry of the matrices of hexahedra [bytes], from which a
 # run is refused; of tetrahedra, which share more entries, more than that of K.
 LEAST_BYTES = 6
-# Memory of the interpreter with its libraries, and of the mesh and other arrays for each unknown,
-# beside what the iterative engine counts [bytes].
-INTERPRETER_BYTES, ARRAY_BYTES = 86e6, 130
+# Memory of the libraries that write results, which a run imports at its end, and of results for
+# each unknown [bytes].
+LATER_BYTES, ARRAY_BYTES = 30e6, 150
 # Memory of a rank of engine petsc [bytes]: libraries, mesh and loads for each node, and copies of
 # its rows of K: K itself, what the preconditioner is made of, and the preconditioner.
 PROCESS_BYTES, NODE_BYTES, COPIES_ON_RANK = 135e6, 750, 9

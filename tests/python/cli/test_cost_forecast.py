@@ -1,7 +1,10 @@
 """The forecast of sizes, memory and time, before a scene is solved."""
 
 import io
+import json
 import re
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -120,6 +123,42 @@ def test_more_work_takes_longer_and_more_cores_less() -> None:
     dense = {"flops": 0.0, "n_contact_dofs": 1000}
     halves = cost_forecast.work(dense | {"bodies": 2})
     assert halves == pytest.approx(cost_forecast.work(dense | {"bodies": 1}) / 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scene", "engine", "settings"),
+    [
+        ("sheared_cube", "direct", ["mesh.n=17"]),
+        ("two_blocks", "direct", ["mesh.n=15"]),
+        ("two_blocks", "direct", ["mesh.n=15", 'contact.0.pairing="mortar"']),
+        ("pressed_block", "direct", ["mesh.n=128"]),
+        ("sheared_cube", "iterative", ["mesh.n=28"]),
+        ("two_blocks", "iterative", ["mesh.n=20"]),
+        ("two_blocks", "iterative", ["mesh.n=20", 'contact.0.pairing="mortar"']),
+    ],
+)
+def test_the_memory_of_a_run_is_what_check_says(
+    scene: str, engine: str, settings: list[str], tmp_path: Path
+) -> None:
+    """Peak of the process, within a sixth: the heap keeps pieces, and libraries differ."""
+    options = [word for setting in settings for word in ("--set", setting)]
+
+    def answer(command: str, *more: str) -> Any:
+        words = ["-m", "bipot_rs", command, scene, "--json", *options, *more]
+        ran = subprocess.run(
+            [sys.executable, *words],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=tmp_path,
+        )
+        return json.loads(ran.stdout.splitlines()[-1])
+
+    told = answer("check", "--set", f"solver.engine={engine}")["forecast"]
+    assert told["engine"] == engine
+    peak = 2**20 * answer("run", "--engine", engine)["peak_mb"]
+    assert 5 / 6 < told["bytes_run"] / peak < 6 / 5
 
 
 def test_cores_as_the_core_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,7 +84,9 @@ def solve(deck: str, bipot: Any, **files: str) -> tuple[Any, str]:
     assert (status, err) == (0, ""), err
     assert out.endswith(": bipot check scene.toml, bipot run scene.toml\n")
     assert bipot("run", "scene.toml", "--out", "out")[0] == 0
-    return bp.Model.from_toml("scene.toml").solve(), Path("scene.toml").read_text()
+    text = Path("scene.toml").read_text()
+    assert ("see the head of scene.toml" in out) == ("\n# line " in text)
+    return bp.Model.from_toml("scene.toml").solve(), text
 
 
 LOADS = {

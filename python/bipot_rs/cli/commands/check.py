@@ -64,7 +64,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     cost_forecast.fits(scene)
     meshed = bodies(scene)
     cost_forecast.fits(scene, meshed)
-    case = assemble(scene, meshed)
+    case = assemble(scene, meshed, stiffness=False)
     model = case.model
     several = scene.solver.engine == "petsc"
     counts, floating = cost_forecast.counts(case)

@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from bipot_rs._lib.messages import meant, printable
+from bipot_rs._lib.messages import count_noun, meant, printable
 from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
@@ -63,6 +63,10 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     else:
         path, *others = write_deck(found.name or found.deck.stem, found.deck)
     written = " and ".join(map(str, [path, *others]))
+    lines = path.read_text(encoding="utf-8").splitlines()
+    if left := sum(line.startswith("# line ") for line in lines):
+        remark = f"{count_noun(left, 'remark')} on lines of {found.deck}"
+        tell(f"{remark}: see the head of {path}", sys.stdout)
     tell(f"{written}: bipot check {path}, bipot run {path}", sys.stdout)
     return SOLVED
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs._lib.machine import available
+from bipot_rs._lib.machine import available, peak_mb, resident
 from bipot_rs._lib.messages import count_noun, duration, size
 from bipot_rs.contact import tuning
-from bipot_rs.contact.path.choice import forecast_bytes
+from bipot_rs.contact.path.choice import forecast_bytes, joins_surfaces
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.elasticity import find_neighbours
@@ -31,7 +31,7 @@ _NODES = {
     "tetrahedron": (4, 10, 6),
     "hexahedron": (8, 27, 1),
 }
-# Bytes of a number and of an index.
+# Bytes of a number and of an index of K on a rank.
 _ENTRY = 12
 # Nodes whose neighbours are counted.
 _SAMPLE = 1000
@@ -60,10 +60,27 @@ def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
         return forecast, floating
     try:
         with suppress(_Counted):
-            case.problem(on_forecast=stop)
+            case = case.with_stiffness()
+            case.problem(on_forecast=with_memory(stop, case.model))
     except FloatingBodyError as error:
         floating = floating or [str(error)]
     return forecast, floating
+
+
+def with_memory(
+    tell: Callable[[Record], object], model: Assembly
+) -> Callable[[Record], object]:
+    """``tell`` of counts with ``bytes_run``, the most that this process holds in a run.
+
+    It begins from what the process holds now, before the core begins: meshes and K are known.
+    """
+    held = resident() + tuning.LATER_BYTES + tuning.ARRAY_BYTES * model.n
+
+    def tell_more(counts: Record) -> None:
+        most = max(2**20 * peak_mb(), held + core_bytes(counts, model))
+        tell({**counts, "bytes_run": most})
+
+    return tell_more
 
 
 def work(counts: Record) -> float:
@@ -140,25 +157,18 @@ def cost(counts: Record, model: Assembly, steps: int) -> list[str]:
     engine = []
     if "engine" in counts:
         engine = [f"  engine    {counts['engine']}: {counts['engine_reason']}"]
+    engine.append(f"  memory    about {size(counts['bytes_run'])}{of}")
     if counts.get("engine") == "iterative":
-        whole = size(_iterative_bytes(counts, model) + tuning.INTERPRETER_BYTES)
-        return [
-            *engine,
-            f"  memory    about {whole}{of}",
-            f"  time      {duration(seconds(counts, threads))} for all load steps",
-        ]
-    of_step = tuning.COPIES_OF_W * 8.0 * float(counts["n_contact_dofs"]) ** 2
-    needed = max(counts["bytes_peak"], counts["bytes_factor"] + of_step)
-    # K in parts is held by nobody beside the core.
-    entries = 0 if model.K is None else model.K.nnz
-    most = size(needed + tuning.COPIES_OF_K * _ENTRY * entries)
+        time = duration(seconds(counts, threads))
+        return [*engine, f"  time      {time} for all load steps"]
+    order = _order(counts, model)
+    products = tuning.FIRST_PRODUCTS * order + tuning.PRODUCTS * steps
+    if joins_surfaces(model.B, model.dim):
+        products = tuning.JOINED_PRODUCTS * steps
+    of_steps = duration(products * 8.0 * order**2 / (tuning.BYTE_RATE * threads))
     time = duration(seconds(counts, threads))
-    factor = 2 / 3 * float(model.dim * len(model.gap)) ** 3
-    work_of_steps = steps * tuning.FACTORS_OF_STEP * factor
-    of_steps = duration(work_of_steps / (tuning.FLOP_RATE * threads))
     return [
         *engine,
-        f"  memory    at most {most}{of}",
         f"  time      {time} to factorise the stiffness, {of_steps} for "
         + count_noun(steps, "load step"),
     ]
@@ -188,13 +198,21 @@ def peak(case: Case) -> float:
     The interpreter and its libraries are not included.
     """
     forecast, _ = counts(case)
-    if forecast.get("engine") == "iterative":
-        return _iterative_bytes(forecast, case.model)
-    return _entries(case.model.bodies) + float(forecast.get("bytes_peak", 0))
+    return _entries(case.model.bodies) + core_bytes(forecast, case.model)
 
 
-def _iterative_bytes(counts: Record, model: Assembly) -> float:
-    return float(counts["bytes_peak"]) + tuning.ARRAY_BYTES * model.n
+def core_bytes(counts: Record, model: Assembly) -> float:
+    """Most bytes that the core takes: of the direct engine, to condense or in a load step."""
+    peak = float(counts.get("bytes_peak", 0))
+    if counts.get("engine") != "direct":
+        return peak
+    of_W = 8.0 * _order(counts, model) ** 2
+    return max(peak, counts["bytes_factor"] + tuning.COPIES_OF_W * of_W)
+
+
+def _order(counts: Record, model: Assembly) -> int:
+    """Rows of W, without the contacts that a working set leaves out."""
+    return min(model.dim * len(model.gap), int(counts["n_contact_dofs"]))
 
 
 def list_remarks(remarks: Sequence[str]) -> list[str]:

@@ -378,7 +378,11 @@ class Job(SharedRunner):
             self.progress.forecast(seconds)
 
         self.problem = case.problem(
-            on_forecast=None if self.as_json else on_forecast,
+            on_forecast=(
+                None
+                if self.as_json
+                else cost_forecast.with_memory(on_forecast, case.model)
+            ),
             engine=self._engine,
         )
         return self.problem

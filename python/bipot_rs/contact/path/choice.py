@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bipot_rs._lib.messages import size
+from bipot_rs._lib.types import CsrMatrix
 from bipot_rs.contact import tuning
 
 ENGINES = ("auto", "direct", "iterative")
@@ -21,6 +24,13 @@ def check_method(method: str, engine: str) -> None:
             f"method is {method!r}, but engine={engine!r} has only "
             f"{' and '.join(map(repr, METHODS))}: use engine='direct'"
         )
+
+
+def joins_surfaces(operator: CsrMatrix, d: int) -> bool:
+    """Whether the contacts of B have more nodes than the two of a matching pair, as of mortar."""
+    rows, n = operator.shape
+    row = np.repeat(np.arange(rows), np.diff(operator.indptr))
+    return len(np.unique(row // d * n + operator.indices // d)) > 2 * (rows // d)
 
 
 def forecast_bytes(free: int, contacts: int) -> float:

@@ -625,9 +625,11 @@ class PreparedStiffness:
         solutions = self.options.steps or 1
         if iterative.springs.contacts.size:
             solutions *= tuning.COPY_SOLUTIONS
-        nodes = np.unique(self._contacts.operator.matrix.indices // d)
-        if len(nodes) > tuning.NODES_OF_JOINED * contacts:
-            solutions *= tuning.JOINED_SOLUTIONS
+        bytes_peak = float(sum(iterative.core.bytes))
+        if choice.joins_surfaces(self._contacts.operator.matrix, d):
+            size = (self.options.n / tuning.JOINED_SIZE) ** tuning.JOINED_GROWTH
+            solutions *= tuning.JOINED_SOLUTIONS * size
+            bytes_peak *= tuning.JOINED_BYTES
         tell(
             {
                 "engine": "iterative",
@@ -637,7 +639,7 @@ class PreparedStiffness:
                 "nnz_factor": 0,
                 "flops": tuning.STEP_FLOPS * self.options.n * solutions,
                 "bytes_factor": 0,
-                "bytes_peak": sum(iterative.core.bytes),
+                "bytes_peak": bytes_peak,
                 "ordering": None,
             }
         )
