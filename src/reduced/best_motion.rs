@@ -195,6 +195,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
             self.problem,
             self.r,
             &self.relative_displacement(&a),
+            f64::INFINITY,
             |_, _| (),
         )
     }

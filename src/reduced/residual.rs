@@ -21,6 +21,10 @@ const ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Largest remainder of the free displacement of closed contacts, or the tolerance if that is
 /// larger. Two reactions that cancel each other, as between walls that overlap, can grow until
 /// η, which is relative to them, is small for any remainder.
+///
+/// The motion of a rigid body cancels `q` to rounding, which is all that is left then: the free
+/// displacement `q + R a` counts as at least this share of `q`, so that a remainder of 1e-12 of `q` is
+/// none. Rounding is below that if the terms of `R a` are not a thousand times `q`.
 const WORST_LEFT: f64 = 1e-6;
 
 /// Largest penetration, or opening under pressure, in tolerances. For a moderate μ, η within
@@ -40,16 +44,16 @@ pub struct Certificate<const D: usize> {
     pub floor: f64,
     /// Whether the rounding of `v` is small enough for η to have a meaning.
     pub sound: bool,
-    /// `‖F‖` over the displacement that the reactions must cancel.
+    /// `‖F‖` over the displacement that the reactions must cancel, with reactions not larger than it:
+    /// of rigid contacts, or beside soft springs, `r̂ − ṽ̂` would lose the digits of `ṽ̂`.
     left: f64,
-    /// `‖(v̂_n − β‖v̂_t‖)₋‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding. A large μ hides it from η, in which
+    /// `‖(v_n − β‖v_t‖)₋‖` over `max(‖r_n‖, ‖(q_n + (R a)_n)₋‖)`, in its own scale, less rounding. A large μ hides it from η, in which
     /// a sliding contact counts only `v_n/√(1 + μ²)`.
     penetration: f64,
-    /// The same over `‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖` of normal components, for contacts with
-    /// `W_ii = 0`: without compliance, reactions do not measure displacements.
+    /// `left` of the normals alone, each in its own scale: `min(r_n, v_n − β‖v_t‖)` over what they must
+    /// cancel. A large displacement along the surface would hide penetration.
     depth: f64,
-    /// `‖min(r̂_n, v̂_n − β‖v̂_t‖)₊‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding: a contact that is open and
-    /// pressed. A large μ hides it from η as it hides penetration.
+    /// `‖min(r_n, v_n − β‖v_t‖)₊‖` over the same, less rounding: a contact that is open and pressed. A large μ hides it from η as it hides penetration.
     apart: f64,
     /// `max(‖r̂‖, ‖F(0)‖)`.
     whole: f64,
@@ -64,33 +68,56 @@ impl<const D: usize> Certificate<D> {
     /// Computes the certificate of a point whose `v` was not evaluated with `W`.
     pub fn of(problem: &Reduced<D>, r: &[[f64; D]], v: Vec<[f64; D]>, a: &[f64]) -> Self {
         let mut status = vec![Status::Open; r.len()];
-        let law = law_norm(problem, r, &v, |i, s| status[i] = s);
+        let law = law_norm(problem, r, &v, f64::INFINITY, |i, s| status[i] = s);
         let whole = size(problem, r, a);
         let residual = relative(problem, r, law, whole);
-        let rounding = Rounding::new(problem, r, &v, a);
-        let undone = undone(problem, r, a);
+        let own = own_scales(problem);
+        let rounding = Rounding::new(problem, &own, r, &v, a);
+        let undone = undone(problem, &own, r, a);
+        let left = law_norm(problem, r, &v, undone.all, |_, _| ()) / undone.all;
         let openings = v.iter().zip(&problem.law).map(|(v, law)| law.opening(v));
-        let openings = openings.zip(&problem.scaling.to_v);
-        let openings: Vec<f64> = openings.map(|(opening, s)| opening * s).collect();
-        let below: Vec<f64> = openings.iter().map(|o| (-o).max(0.0)).collect();
-        let pressed = r.iter().zip(&problem.scaling.to_r);
-        let pressed = pressed.map(|(r, to_r)| r[0] * to_r);
-        let both: Vec<f64> = openings
-            .iter()
-            .zip(pressed)
-            .map(|(opening, r)| opening.min(r).max(0.0))
+        let openings: Vec<f64> = openings
+            .zip(&own)
+            .map(|(opening, s)| opening * s.1)
             .collect();
+        let pressed: Vec<f64> = r.iter().zip(&own).map(|(r, s)| r[0] * s.0).collect();
+        let below: Vec<f64> = openings.iter().map(|o| (-o).max(0.0)).collect();
+        let pairs = || openings.iter().zip(&pressed);
+        let both: Vec<f64> = pairs().map(|(o, r)| o.min(*r).max(0.0)).collect();
+        let mut normal = undone.normal;
+        let beside =
+            |most: f64| norm(&pairs().map(|(o, r)| o.min(r.min(most))).collect::<Vec<_>>());
+        if beside(normal).max(rounding.pressed) > WORST_LEFT * normal {
+            // Reactions along the surface move the normals too.
+            let along: Vec<[f64; D]> = r
+                .iter()
+                .map(|r| std::array::from_fn(|k| if k == 0 { 0.0 } else { r[k] }))
+                .collect();
+            let mut moved = vec![[0.0; D]; r.len()];
+            problem.compliance.product(&along, &mut moved);
+            let moved = moved
+                .iter()
+                .zip(r)
+                .zip(&own)
+                .filter(|((_, r), _)| r[0] != 0.0);
+            normal += norm(&moved.map(|((v, _), s)| v[0] * s.1).collect::<Vec<_>>());
+        }
+        let mut free = vec![[0.0; D]; r.len()];
+        problem.add_rest(a, &mut free);
+        let free = free.iter().zip(&own).map(|(v, s)| (-v[0] * s.1).max(0.0));
+        let forces = norm(&pressed).max(norm(&free.collect::<Vec<_>>()));
         Self {
             v,
             status,
             residual,
             floor: rounding.floor(rounding.bound, whole).min(WORST_FLOOR),
             sound: rounding.floor(rounding.felt, whole) <= WORST_FLOOR
-                && rounding.felt <= WORST_LEFT * undone,
-            left: law / undone,
-            penetration: ratio((norm(&below) - rounding.normal).max(0.0), whole),
-            depth: ratio(norm(&below), rounding.normal / ROUNDING),
-            apart: ratio((norm(&both) - rounding.plain).max(0.0), whole),
+                && rounding.felt <= WORST_LEFT * undone.all
+                && rounding.pressed <= WORST_LEFT * normal,
+            left,
+            penetration: ratio((norm(&below) - rounding.normal).max(0.0), forces),
+            depth: beside(normal) / normal,
+            apart: ratio((norm(&both) - rounding.plain).max(0.0), forces),
             whole,
         }
     }
@@ -131,7 +158,7 @@ pub fn residual<const D: usize>(
     v: &[[f64; D]],
     a: &[f64],
 ) -> f64 {
-    let law = law_norm(problem, r, v, |_, _| ());
+    let law = law_norm(problem, r, v, f64::INFINITY, |_, _| ());
     relative(problem, r, law, size(problem, r, a))
 }
 
@@ -139,7 +166,7 @@ pub fn residual<const D: usize>(
 /// that grows without bound, because `‖F(0)‖` grows with it.
 pub fn merit<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
     let imbalance = problem.scaling.force_norm(&scaled_imbalance(problem, r));
-    law_norm(problem, r, v, |_, _| ()).hypot(imbalance)
+    law_norm(problem, r, v, f64::INFINITY, |_, _| ()).hypot(imbalance)
 }
 
 /// η from `‖F(r)‖` and its reference size.
@@ -152,19 +179,30 @@ fn relative<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], law: f64, whol
     law.max(ratio(imbalance, force_size(problem, r)))
 }
 
-/// `‖F(r)‖`; calls `report` with the status of each contact.
+/// `‖F(r)‖`, with each reaction longer than `most` shortened to it; calls `report` with the status of
+/// each contact.
 pub(super) fn law_norm<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
     v: &[[f64; D]],
+    most: f64,
     mut report: impl FnMut(usize, Status),
 ) -> f64 {
     let scaling = &problem.scaling;
     let (mut squares, mut largest) = (0.0, 0.0_f64);
     for (i, (r, v)) in r.iter().zip(v).enumerate() {
-        let r = r.map(|c| c * scaling.to_r[i]);
+        let mut r = r.map(|c| c * scaling.to_r[i]);
         let v = v.map(|c| c * scaling.to_v[i]);
-        let (projected, status) = bipotential::law_step(&r, &v, 1.0, problem.scaled_law(i));
+        let mut law = problem.scaled_law(i);
+        let share = if most.is_finite() {
+            most / norm(&r)
+        } else {
+            1.0
+        };
+        if share < 1.0 {
+            (r, law) = (r.map(|c| c * share), law.scaled(share));
+        }
+        let (projected, status) = bipotential::law_step(&r, &v, 1.0, law);
         report(i, status);
         for (x, p) in r.iter().zip(&projected) {
             squares += (x - p).powi(2);
@@ -200,12 +238,17 @@ pub fn scaled_imbalance<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) ->
     work.iter().zip(&scaling.load).map(|(w, e)| w + e).collect()
 }
 
-/// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction; infinite if it is
-/// zero.
+/// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction, and [`WORST_LEFT`] of that
+/// of `q̂`; infinite if nothing is to be cancelled.
 ///
 /// The rigid motion counts only up to the size that loads can cause. A motion that has grown
 /// without bound, and reactions that have grown with it, are not a measure of themselves.
-fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 {
+fn undone<const D: usize>(
+    problem: &Reduced<D>,
+    own: &[(f64, f64)],
+    r: &[[f64; D]],
+    a: &[f64],
+) -> Undone {
     let scaling = &problem.scaling;
     let rows = problem.q.iter().zip(&scaling.to_v);
     let q: Vec<f64> = rows.flat_map(|(q, s)| q.map(|c| c * s)).collect();
@@ -219,21 +262,61 @@ fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f6
     let shorter: Vec<f64> = a.iter().map(|a| share * a).collect();
     let mut free = vec![[0.0; D]; r.len()];
     problem.add_rest(&shorter, &mut free);
-    for ((v, r), s) in free.iter_mut().zip(r).zip(&problem.scaling.to_v) {
-        let closed = r.iter().any(|&c| c != 0.0);
-        *v = v.map(|c| if closed { c * s } else { 0.0 });
+    let size = |components: usize| {
+        let of_closed = |v: &[[f64; D]]| -> f64 {
+            let closed = (0..r.len()).filter(|&i| r[i].iter().any(|&c| c != 0.0));
+            let scale = |i: usize| {
+                if components == D {
+                    scaling.to_v[i]
+                } else {
+                    own[i].1
+                }
+            };
+            let scaled = closed.flat_map(|i| v[i][..components].iter().map(move |c| c * scale(i)));
+            norm(&scaled.collect::<Vec<_>>())
+        };
+        let undone = of_closed(&free);
+        if undone > 0.0 {
+            undone + WORST_LEFT * of_closed(&problem.q)
+        } else {
+            f64::INFINITY
+        }
+    };
+    Undone {
+        all: size(D),
+        normal: size(1),
     }
-    let undone = norm(free.as_flattened());
-    if undone > 0.0 { undone } else { f64::INFINITY }
+}
+
+/// What reactions must cancel: all components, and normals in their own scale.
+struct Undone {
+    all: f64,
+    normal: f64,
+}
+
+/// The scales of `r_n` and `v_n` of each contact for which the normal part of its compliance, and not the
+/// mean of all parts, is 1.
+fn own_scales<const D: usize>(problem: &Reduced<D>) -> Vec<(f64, f64)> {
+    let scaling = &problem.scaling;
+    let of = |i: usize| {
+        let block = problem.compliance.block(i);
+        #[expect(clippy::cast_precision_loss, reason = "D is 2 or 3")]
+        let factor = (block.trace() / D as f64 / block[(0, 0)]).sqrt();
+        let factor = if factor.is_normal() { factor } else { 1.0 };
+        (scaling.to_r[i] / factor, scaling.to_v[i] * factor)
+    };
+    (0..problem.contacts()).map(of).collect()
 }
 
 /// Rounding errors of `F`, in absolute value.
 struct Rounding {
-    /// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖`, as far as it changes `F`.
+    /// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖`, as far as it changes `F`; not the rounding of `r̂`.
     felt: f64,
-    /// The same for normal components, whether they change `F` or not.
+    /// The same of normals in their own scale.
+    pressed: f64,
+    /// The same, whether they change `F` or not.
     normal: f64,
-    /// The same for all components, including the rounding of motions and reactions.
+    /// The same, including the rounding of motions and reactions.
     plain: f64,
     /// The total with friction: if `r ≠ 0`, `ṽ_n` includes μ times the rounding of `v_t`.
     bound: f64,
@@ -262,6 +345,7 @@ impl Rounding {
     /// `felt` for the point as it is; all else with at most the rigid motion of a solution.
     fn new<const D: usize>(
         problem: &Reduced<D>,
+        own: &[(f64, f64)],
         r: &[[f64; D]],
         v: &[[f64; D]],
         a: &[f64],
@@ -273,21 +357,22 @@ impl Rounding {
                 *c += q.abs();
             }
         }
-        let whole = Self::of(problem, r, v, a, still.clone());
+        let whole = Self::of(problem, own, r, v, a, still.clone());
         let share = needed(problem, &still, a);
         if share >= 1.0 {
             return whole;
         }
         let shorter: Vec<f64> = a.iter().map(|a| share * a).collect();
-        let felt = whole.felt;
         Self {
-            felt,
-            ..Self::of(problem, r, v, &shorter, still)
+            felt: whole.felt,
+            pressed: whole.pressed,
+            ..Self::of(problem, own, r, v, &shorter, still)
         }
     }
 
     fn of<const D: usize>(
         problem: &Reduced<D>,
+        own: &[(f64, f64)],
         r: &[[f64; D]],
         v: &[[f64; D]],
         a: &[f64],
@@ -305,7 +390,13 @@ impl Rounding {
                 value[0] += law.dilatancy * tangential_norm(value); // v_n − β‖v_t‖ is compared
             }
         }
-        let normal: Vec<f64> = terms.iter().map(|value| value[0]).collect();
+        let own = |i: usize| own[i].1 / problem.scaling.to_v[i];
+        let normal: Vec<f64> = terms
+            .iter()
+            .enumerate()
+            .map(|(i, value)| value[0] * own(i))
+            .collect();
+        let mut pressed = normal.clone();
         // Rigid motions have an error of ε times their length. The normal part of a motion
         // along a wall is such an error; times a motion without bound it would look like
         // pressure.
@@ -317,6 +408,21 @@ impl Rounding {
                 *c = c.max(blur);
             }
         }
+        let mut felt = terms.clone();
+        for (i, value) in felt.iter_mut().enumerate() {
+            let r = r[i].map(|c| c * problem.scaling.to_r[i]);
+            let v = v[i].map(|c| c * problem.scaling.to_v[i]);
+            let share = feeling(&r, &v, &problem.scaled_law(i), value[0]);
+            pressed[i] *= share[0];
+            for (c, share) in value.iter_mut().zip(share) {
+                *c *= share;
+            }
+        }
+        let plain = |(i, value): (usize, &[f64; D])| {
+            let reaction = ROUNDING * (r[i][0] * problem.scaling.to_r[i]).abs() / own(i);
+            (value[0] * own(i)).max(reaction)
+        };
+        let plain: Vec<f64> = terms.iter().enumerate().map(plain).collect();
         // τ = r̂ − ṽ̂ rounds r̂ too. If W_ii is near its mean, this is already included. A
         // contact of rigid bodies has W_ii = 0, and its reactions may grow until ṽ̂ is below
         // their rounding.
@@ -325,16 +431,6 @@ impl Rounding {
                 *c = c.max(ROUNDING * (r * problem.scaling.to_r[i]).abs());
             }
         }
-        let mut felt = terms.clone();
-        for (i, value) in felt.iter_mut().enumerate() {
-            let r = r[i].map(|c| c * problem.scaling.to_r[i]);
-            let v = v[i].map(|c| c * problem.scaling.to_v[i]);
-            let share = feeling(&r, &v, &problem.scaled_law(i), value[0]);
-            for (c, share) in value.iter_mut().zip(share) {
-                *c *= share;
-            }
-        }
-        let plain = norm(terms.as_flattened());
         for (i, value) in terms.iter_mut().enumerate() {
             if r[i].iter().any(|&c| c != 0.0) {
                 value[0] += problem.law[i].mu * tangential_norm(value);
@@ -348,8 +444,9 @@ impl Rounding {
         }
         Self {
             felt: norm(felt.as_flattened()),
+            pressed: norm(&pressed),
             normal: norm(&normal),
-            plain,
+            plain: norm(&plain),
             bound: norm(terms.as_flattened()),
             balance,
         }

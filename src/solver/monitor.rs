@@ -90,8 +90,8 @@ pub struct Monitor<'p, const D: usize> {
     floor: f64,
     /// η of the last point whose fresh evaluation failed.
     refuted: f64,
-    /// The rigid motion zero, if displacements have no other size.
-    no_motion: Option<Vec<f64>>,
+    /// Whether only rigid motions displace the contacts.
+    rigid: bool,
 }
 
 /// The results of a solve.
@@ -133,7 +133,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
             last_better: 0,
             floor: 0.0,
             refuted: f64::INFINITY,
-            no_motion: has_no_displacements(problem).then(|| vec![0.0; problem.rigid.modes.len()]),
+            rigid: !problem.rigid.modes.is_empty()
+                && (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0),
         }
     }
 
@@ -196,7 +197,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
         if claims && eta <= 0.5 * self.refuted {
             let within = within_cones(self.problem, r, v);
             let r = within.as_deref().unwrap_or(r);
-            let a = self.no_motion.as_deref().unwrap_or(a);
+            let nothing = vec![0.0; a.len()];
+            let a = if self.rigid && rests(self.problem, r) {
+                nothing.as_slice()
+            } else {
+                a
+            };
             let fresh = Certificate::new(self.problem, r, a);
             self.log.work += 2.0;
             self.floor = fresh.floor;
@@ -306,13 +312,13 @@ impl<'p, const D: usize> Monitor<'p, D> {
     }
 }
 
-/// Whether only rigid motions displace the contacts: `W = 0` and `q = 0`. The law then holds
-/// without a motion for all balanced reactions in the cones, while the rounding of a motion
-/// would be as large as all displacements.
-fn has_no_displacements<const D: usize>(problem: &Reduced<D>) -> bool {
-    !problem.rigid.modes.is_empty()
-        && problem.q.as_flattened().iter().all(|&q| q == 0.0)
-        && (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0)
+/// Whether rigid bodies with these reactions can stay where they are: `q` is zero where contacts press,
+/// and closes no other. A motion would be rounding, as large as all displacements of closed contacts.
+fn rests<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool {
+    let mut contacts = r.iter().zip(&problem.q).zip(&problem.law);
+    contacts.all(|((r, q), law)| {
+        q.iter().all(|&q| q == 0.0) || r.iter().all(|&r| r == 0.0) && law.opening(q) >= 0.0
+    })
 }
 
 /// The projection of a candidate solution onto the cones; `None` if it lies in them. A large μ
