@@ -272,33 +272,6 @@ def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
             assert verdict.all(), (k, form)
 
 
-@pytest.mark.needs_extra
-def test_body_of_a_scene_is_an_explicit_material() -> None:
-    """(64): ½ uᵀK u and its dual; their gap at the solution is the residual of equilibrium."""
-    read = scene.read("sheared_cube", ["mesh.n=3"])
-    case = scene.assemble(read, scene.bodies(read))
-    problem = case.model.problem()
-    result = problem.solve(case.load, case.prescribed, tol=1e-13)
-    K, B = case.model.K.toarray(), case.model.B.toarray()
-    free = np.setdiff1d(np.arange(len(K)), case.model.fixed)
-    body = materials.LinearElastic(K[np.ix_(free, free)])
-    held = K[np.ix_(free, case.model.fixed)]
-    for k, step in enumerate(result):
-        load = B.T @ step.reaction.ravel()
-        if case.load is not None:
-            load += case.load[k]
-        y = load[free] - held @ step.displacement[case.model.fixed]
-        x = step.displacement[free]
-        energy = float(body.energy(x))
-        # Two terms that cancel: rounding of each, times the condition of K, 1e4.
-        assert abs(float(materials.fenchel_gap(body, x, y))) <= 1e-12 * energy
-        other = x * (1 + 1e-3)
-        expected = 0.5 * 1e-6 * x @ body.stress(x)
-        assert float(materials.fenchel_gap(body, other, y)) == pytest.approx(
-            expected, rel=1e-6
-        )
-
-
 def test_a_continued_path() -> None:
     """The state given by `start=` is the start state of the first step."""
     load = np.array([[-2.0, 0.3], [-2.0, 1.5], [-1.0, -0.5]])

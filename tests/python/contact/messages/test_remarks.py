@@ -335,18 +335,6 @@ def test_remarks_are_saved_and_pickled(tmp_path: Path) -> None:
     assert followed.remarks == result.remarks
 
 
-def test_a_model_has_remarks_of_the_result_too() -> None:
-    side = {"from": 0.0, "to": 1.0, "cells": 4}
-    m = bp.Model("Sheared far")
-    m.material("soft", young=1.0, poisson=0.3)
-    m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
-    m.support("block.top", x=0.3, y=-0.05)
-    m.contact("block.bottom", plane={"point": [0, 0.05], "normal": [0, 1]}, mu=2.0)
-    result = m.solve()
-    assert result.remarks[0].startswith("5 of the 5 contacts penetrate")
-    assert any(remark.startswith("rotations") for remark in result.remarks)
-
-
 def test_remarks_in_files(bipot: Any) -> None:
     """`bipot solve` prints them; with --json they are in its last line."""
     meshed = body("quadrilateral", 2)
