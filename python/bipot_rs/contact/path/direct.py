@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -193,17 +193,18 @@ class CondensedStep:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class DirectRecovery:
     """Computes displacements of steps.
 
     Steps refer to this and not to their path: a path refers to the step that it started
-    from, and all steps of a long chain would stay in memory.
+    from, and all steps of a long chain would stay in memory. Those of one core are equal, so
+    that `recover_displacements` finds all of a path together.
     """
 
     core: _core.Condensed
-    seconds: dict[str, float]
-    contacts: Contacts
+    seconds: dict[str, float] = field(compare=False)
+    contacts: Contacts = field(compare=False)
 
     def has_factor(self) -> bool:
         """Whether the problem keeps the factor that this takes."""

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -506,13 +506,14 @@ def _list_remarks(steps: Sequence[Step], first: int) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class HeldRecovery:
     """Displacements of all degrees of freedom, from those that the engine solves for."""
 
     recovery: Recovery
-    held: Held
-    prescribed: Floats  # those of the engine, in which bolts may be free
+    held: Held = field(compare=False)
+    # Those of the engine in this step, in which bolts may be free.
+    prescribed: Floats = field(compare=False)
 
     def has_factor(self) -> bool:
         """As `Recovery`."""
@@ -528,7 +529,11 @@ class HeldRecovery:
 
     def recover(self, steps: Sequence[Step], /) -> Floats:
         """As `Recovery`."""
-        own = [replace(step, prescribed=self.prescribed) for step in steps]
+        own = [
+            revise(step, prescribed=step.recovery.prescribed)
+            for step in steps
+            if isinstance(step.recovery, HeldRecovery)
+        ]
         reduced_steps = self.recovery.recover(own)
         return np.stack([self.held.displacement(y) for y in reduced_steps])
 

@@ -10,6 +10,8 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import analytic
+from bipot_rs.contact.path.direct import DirectRecovery
+from bipot_rs.contact.results.solution import recover_displacements
 from support.bars import BAR, bar_problem, lost, pulled
 from support.bodies import block
 from support.contacts import TOL, one_node
@@ -150,3 +152,28 @@ def test_no_steps_do_not_stand_for_several() -> None:
         problem.solve(np.zeros((0, 2)), np.zeros((4, 1)))
     with pytest.raises(ValueError, match="gap has 0 steps but"):
         problem.solve(None, np.zeros((4, 1)), gap=np.zeros((0, 1)))
+
+
+@pytest.mark.parametrize(
+    ("scene", "blocks"),
+    # Obstacles of the second give its steps frames, and its nodes ties.
+    [("cyclic_cube", [32, 9]), ("twisted_pad", [4])],
+)
+def test_one_pass_over_the_factor_recovers_many_displacements(
+    scene: str, blocks: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = bp.Model.from_toml(scene).with_(**{"mesh.n": 4})
+    steps = list(model.assemble().solve())
+    assert all(step.computed.displacement is None for step in steps)
+    alone = [step.recovery.recover([step])[0] for step in steps if step.recovery]
+    recover, passes = DirectRecovery.recover, []
+
+    def count(self: DirectRecovery, some: Any) -> Any:
+        passes.append(len(some))
+        return recover(self, some)
+
+    monkeypatch.setattr(DirectRecovery, "recover", count)
+    recover_displacements(steps)
+    assert passes == blocks
+    together = [step.displacement for step in steps]
+    np.testing.assert_array_equal(together, alone, strict=True)
