@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -37,11 +37,14 @@ _NODES = {
     "line": 2,
     "line3": 3,
 }
-# Family, number of nodes, letters for integration and formulation.
+# Family, number of nodes, letters for integration and formulation. Beams have the degree in
+# place of the number of nodes, and triangles of STRI that of unknowns.
 _TYPES = (
     (re.compile(r"C3D(\d+)[A-Z]*"), _SOLIDS),
-    (re.compile(r"(?:CPE|CPS|CAX|S|M3D|SFM3D|R3D|STRI)(\d+)[A-Z]*"), _PLANE),
-    (re.compile(r"(?:T2D|T3D|B2|B3|R2D)(\d+)[A-Z]*"), _LINES),
+    (re.compile(r"(?:CPE|CPS|CAX|S|M3D|SFM3D|R3D)(\d+)[A-Z]*"), _PLANE),
+    (re.compile(r"STRI(\d+)[A-Z]*"), {3: "triangle", 65: "triangle6"}),
+    (re.compile(r"(?:T2D|T3D|R2D)(\d+)[A-Z]*"), _LINES),
+    (re.compile(r"B[23](\d)[A-Z]*"), {1: "line", 2: "line3", 3: "line"}),
 )
 # Shells and membranes: they are not cells of a 2D body.
 _SHELL = re.compile(r"(?:S|M3D|SFM3D|R3D|STRI)\d+[A-Z]*")
@@ -335,11 +338,6 @@ class Reader:
     def _kind(self, line: int, name: str) -> str:
         for pattern, kinds in _TYPES:
             match = pattern.fullmatch(name)
-            if name.startswith(("B2", "B3")) and kinds is _LINES:
-                digit = int(name[2]) if name[2:3].isdigit() else 0
-                return {1: "line", 2: "line3", 3: "line"}.get(digit, "line")
-            if name.startswith("STRI") and kinds is _PLANE:
-                return "triangle" if name == "STRI3" else "triangle6"
             if match and int(match[1]) in kinds:
                 return kinds[int(match[1])]
         why = ", which twist" if name.startswith("CGAX") else ""
@@ -360,40 +358,24 @@ class Reader:
             raise self._error(
                 section.line, f"has no {section.word}=, the name of the set"
             )
-        sets, existing = (
-            (self.nodes_of, self.node) if nodes else (self.cells_of, self.cell)
-        )
+        what: Literal["nodes", "cells"] = "nodes" if nodes else "cells"
         members: list[int] = []
         for line, row in section.rows:
             if "GENERATE" in section.parameters:
-                members += self._generate_numbers(line, row)
+                existing = self.node if nodes else self.cell
+                numbers = self._generate_numbers(line, row)
+                members += [n for n in numbers if n in existing]
                 continue
             for part in filter(None, row):
-                named = self.find_set(sets, part)
-                if _NUMBER.fullmatch(part):
-                    members.append(whole(part))
-                elif named is not None:
-                    members += named
-                else:
-                    raise self._error(line, f"uses a set {part!r} that is not defined")
+                members += self._members(line, part, what)
         if nodes and "ELSET" in section.parameters:
             places: set[int] = set()
-            cells = self.find_set(self.cells_of, section.parameters["ELSET"])
-            if cells is None:
-                raise self._error(
-                    section.line,
-                    f"uses a set {section.parameters['ELSET']!r} that is not defined",
-                )
-            for number in cells:
+            cells = section.parameters["ELSET"]
+            for number in self._members(section.line, cells, "cells"):
                 block, k = self.cell[number]
                 places.update(self.blocks[block][1][k].tolist())
             members += [n for n, at in self.node.items() if at in places]
-        missing = [n for n in members if n not in existing]
-        if missing and "GENERATE" not in section.parameters:
-            raise self._error(
-                section.line, f"has {missing[0]} in {name}, which is not in the file"
-            )
-        self._add(sets, name, [n for n in members if n in existing])
+        self._add(self.nodes_of if nodes else self.cells_of, name, members)
 
     def _surface(self, section: Section) -> None:
         name = section.parameters.get("NAME", "")
@@ -402,12 +384,12 @@ class Reader:
         self.name.setdefault(self._key(name), name)
         if section.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
             for line, row in section.rows:
-                members = self._members(line, row[0], "nodes", self.nodes_of, self.node)
+                members = self._members(line, row[0], "nodes")
                 self._add(self.nodes_of, name, members)
             return
         faces = self.faces.setdefault(self._key(name), [])
         for line, row in section.rows:
-            cells = self._members(line, row[0], "cells", self.cells_of, self.cell)
+            cells = self._members(line, row[0], "cells")
             label = row[1].upper() if len(row) > 1 else ""
             if not label:
                 self.free.setdefault(self._key(name), []).extend(cells)
@@ -437,14 +419,13 @@ class Reader:
         return range(first, last + 1, step)
 
     def _members(
-        self,
-        line: int,
-        word: str,
-        what: str,
-        sets: dict[Key, list[int]],
-        known: Mapping[int, object],
+        self, line: int, word: str, what: Literal["nodes", "cells"]
     ) -> list[int]:
         """Numbers of a set, or the one number that stands in place of a name."""
+        sets, known = {
+            "nodes": (self.nodes_of, self.node.keys()),
+            "cells": (self.cells_of, self.cell.keys()),
+        }[what]
         members = self.find_set(sets, word)
         if members is None and _NUMBER.fullmatch(word) and whole(word) in known:
             members = [whole(word)]

@@ -377,7 +377,7 @@ def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
         ("8, 4, 3,", "7, 4, 3,", "defines cell 7 a second time"),
         ("3, 1., 1.", "3, 1., one", "line 7: is '1., one', expected numbers"),
         ("3, 1., 1.", "2, 1., 1.", "line 7: defines node 2 a second time"),
-        ("LOW, high", "LOW, hi", "line 23: uses a set 'hi' that is not defined"),
+        ("LOW, high", "LOW, hi", "line 23: uses cells 'hi' that are not defined"),
         ("7, S2", "7, S5", "line 27: has face S5 of a quad, expected S1 to S4"),
         ("*STEP", "*INCLUDE, INPUT=x", "line 38: includes 'x', which does not exist"),
         (

@@ -1,4 +1,4 @@
-"""Second-order bodies coupled by mortar: patch tests, parts of surfaces, spheres."""
+"""Second-order bodies coupled by mortar: planes, parts of surfaces, spheres."""
 
 from typing import Any
 

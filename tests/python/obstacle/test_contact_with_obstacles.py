@@ -10,7 +10,6 @@ import bipot_rs as bp
 from bipot_rs import analytic, fem, scene
 from bipot_rs import obstacle as ob
 from bipot_rs.discretisation import discretisation_error
-from support.spheres import icosphere
 
 pytestmark = pytest.mark.needs_extra
 
@@ -158,23 +157,6 @@ def test_hertz_under_a_rigid_sphere() -> None:
     # block stiffer: by about a/L for force over indentation.
     assert half == pytest.approx(a, rel=0.06)
     assert result.traction[0, at, 0] == pytest.approx(peak, rel=0.05)
-
-
-def test_gaps_under_a_torus_are_its_parabola_near_its_lowest_circle() -> None:
-    """With s from the circle, the distance is s²/2r up to fourth order in s/r."""
-    ring = ob.Torus([0, 0, 0.5], [0, 0, 1], 2.0, 0.5)
-    errors = []
-    for width in (0.2, 0.1, 0.05):
-        x = np.linspace(2 - width, 2 + width, 9)
-        body = fem.Body(
-            "slab",
-            fem.box([x, [-1e-9, 0.0, 1e-9], [-1.0, 0.0]], "hexahedron"),
-            fem.Material(E, NU),
-        )
-        model = fem.assemble([body], [fem.Contact("slab", "top", 0.0, obstacle=ring)])
-        s = np.hypot(model.points[:, 0], model.points[:, 1]) - 2
-        errors.append(np.abs(model.gap - s**2).max())
-    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(4, abs=0.1)
 
 
 def test_a_torus_in_a_scene_turns_about_its_own_centre() -> None:
@@ -391,31 +373,6 @@ def test_each_of_two_rollers_presses_where_it_is_nearest() -> None:
     x = slab(20).points[np.abs(total[0][:, 1]) > 0, 0]
     assert (x < 0).any()
     assert (x > 0).any()
-
-
-def test_under_a_sphere_of_triangles_forces_converge() -> None:
-    """A ball as a surface of triangles, as from an STL file, compared with the exact ball."""
-
-    def total(shape: ob.Obstacle) -> float:
-        down = ob.Motion([[0, 0, -0.04]])
-        contact = fem.Contact("slab", "top", 0.0, obstacle=shape, motion=down)
-        model, problem = held(slab(8, 3), [contact])
-        result = problem.solve(gap=model.gaps(1))
-        return -float(forces(model, result)[0, :, 2].sum())
-
-    exact = total(ob.Sphere([0, 0, 1.0], 1.0))
-    errors = []
-    for halvings in (2, 3, 4):
-        x, faces = icosphere(halvings)
-        # Rotated, so that no corner is on the axis.
-        c, s = np.cos(0.4), np.sin(0.4)
-        x = x @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) + [0, 0, 1.0]
-        errors.append(abs(total(ob.Surface(x, faces)) / exact - 1))
-    # Distances are of second order; the position of facets relative to nodes is random.
-    assert errors[2] < errors[0] / 6
-    # Force scales with the indentation, 0.04, to the power 3/2; facets lie up to 1.1e-3
-    # inside the ball.
-    assert errors[2] < 1.5 * 1.1e-3 / 0.04
 
 
 def test_discretisation_error_is_bounded_for_planes_only() -> None:
