@@ -212,18 +212,6 @@ def same_row_twice(parts: Path) -> str:
     return f"parts/part-1-of-3/sweep.csv: row {int(lines[1][0]) + 1} is there twice"
 
 
-def row_in_two_parts(parts: Path) -> str:
-    first_part, two = parts / "part-1-of-3", parts / "part-2-of-3"
-    line = (first_part / "sweep.csv").read_text().splitlines(True)[1]
-    (two / "sweep.csv").write_text((two / "sweep.csv").read_text() + line)
-    record = json.loads((two / "sweep.json").read_text())
-    record["rows"].append(int(line[0]))
-    (two / "sweep.json").write_text(json.dumps(record))
-    return (
-        f"row {int(line[0]) + 1} is both in parts/part-1-of-3 and in parts/part-2-of-3"
-    )
-
-
 def row_of_another_part(parts: Path) -> str:
     path = parts / "part-1-of-3" / "sweep.csv"
     line = (parts / "part-2-of-3" / "sweep.csv").read_text().splitlines(True)[1]
@@ -255,7 +243,6 @@ def damaged_record(parts: Path) -> str:
         other_division,
         same_part_twice,
         same_row_twice,
-        row_in_two_parts,
         row_of_another_part,
         edited_row,
         damaged_record,

@@ -24,20 +24,14 @@ if TYPE_CHECKING:
 
 # The process of the row was killed, or no part has solved it. --resume solves such rows.
 LOST, MISSING = "lost", "missing"
-OUTCOMES = {
-    "solved": SOLVED,
-    "no answer": NO_ANSWER,
-    "not converged": NOT_CONVERGED,
-    "bad input": BAD_INPUT,
-    LOST: NOT_CONVERGED,
-    MISSING: NOT_CONVERGED,
-}
 OUTCOME_OF = {
     SOLVED: "solved",
     NO_ANSWER: "no answer",
     NOT_CONVERGED: "not converged",
     BAD_INPUT: "bad input",
 }
+OUTCOMES = {outcome: code for code, outcome in OUTCOME_OF.items()}
+OUTCOMES |= {LOST: NOT_CONVERGED, MISSING: NOT_CONVERGED}
 # Columns of every row, besides settings and figures of the contact surfaces.
 FIGURES = ("outcome", "steps", *STATUS_NAMES, "residual", "iterations")
 # Figures of each contact surface: "max_pressure of block.bottom".

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from bipot_rs._lib.messages import count_noun
@@ -27,93 +27,50 @@ from bipot_rs.cli.study.report import group_rows, print_study, summarise_rows
 _NO_PART = "its part was not joined"
 
 
-@dataclass(frozen=True)
-class JoinedStudy:
-    """Parts of one study as a whole."""
-
-    record: StudyRecord  # that of the whole study
-    keys: list[str]  # the keys that vary
-    # All rows of the study by number; those that no part has solved are `MISSING`.
-    rows: dict[int, dict[str, str]]
-    folders: dict[int, Path]  # the folder that each solved row comes from
-    absent: list[str]  # parts that were not given, `"I/N"`
-    home: Path | None  # the folder that all parts are in; None if they are in several
-
-
 def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
     """Join the parts and print the table; returns the worst exit status of the rows.
 
     ``given``: folders of parts, or folders that hold such folders.
     ``out``: folder to write; None: the one that the parts are in.
     """
-    joined = join(given)
-    folder = joined.home if out is None else out
-    if folder is None:
+    parts = _parts(given)
+    record = _same_study(parts)
+    asked = list_rows(record.settings, record.ranges)
+    owner = {number: path for path, one in parts.items() for number in one.rows}
+    finished = {
+        number: row
+        for path, one in parts.items()
+        for number, row in _rows_of(path, one, asked).items()
+    }
+    rows = {
+        number: finished.get(number) or _missing(settings, owner.get(number))
+        for number, settings in enumerate(asked)
+    }
+    homes = {path.parent for path in parts}
+    if out is None and len(homes) > 1:
         raise ValueError("--out DIR is missing: the parts are in different folders")
-    if any(
-        folder.resolve() == part_folder.resolve()
-        for part_folder in joined.folders.values()
-    ):
+    folder = homes.pop() if out is None else out
+    if any(folder.resolve() == path.resolve() for path in parts):
         raise ValueError(f"--out {folder} is the folder of a part, expected another")
     make_folder(folder)
     for before in set_aside(folder, {}):
         if not as_json:
             complain(f"an earlier table and its results are kept in {before}")
-    copy_results(joined, folder)
-    write_record(folder, joined.record)
-    write(folder / SWEEP, joined.keys, joined.rows)
-    message = summarise_rows(joined.rows, folder)
-    if absent := missing(joined):
-        message += f"; {absent}"
-    return print_study(
-        joined.record.scene, joined.keys, joined.rows, message, as_json=as_json
-    )
+    for number in finished:
+        _copy_result(row_folder(owner[number], number), row_folder(folder, number))
+    write_record(folder, replace(record, part=None, rows=[]))
+    keys = list(asked[0])
+    write(folder / SWEEP, keys, rows)
+    message = summarise_rows(rows, folder)
+    if len(finished) < len(rows):
+        message += f"; {_list_missing(rows, list(parts.values()))}"
+    return print_study(record.scene, keys, rows, message, as_json=as_json)
 
 
-def join(given: Sequence[Path]) -> JoinedStudy:
-    """Read the parts of a study.
-
-    ``given``: folders of parts, or folders that hold such folders.
-    """
-    parts = _parts(given)
-    first, record = next(iter(parts.items()))
-    for folder, other in parts.items():
-        _same_study(first, record, folder, other)
-    by_number: dict[str, Path] = {}
-    for folder, other in parts.items():
-        part_text = str(other.part)
-        if part_text in by_number:
-            raise ValueError(
-                f"part {part_text} is both in {by_number[part_text]} and in {folder}: name one"
-            )
-        by_number[part_text] = folder
-    asked = list_rows(record.settings, record.ranges)
-    rows: dict[int, dict[str, str]] = {}
-    folders: dict[int, Path] = {}
-    for folder, other in parts.items():
-        for number, row in _rows_of(folder, other, asked).items():
-            if number in rows:
-                raise ValueError(
-                    f"row {number + 1} is both in {folders[number]} and in {folder}"
-                )
-            rows[number], folders[number] = row, folder
-    owner = {k: f for f, other in parts.items() for k in other.rows}
-    for number, settings in enumerate(asked):
-        if number not in rows:
-            where = owner.get(number)
-            why = _NO_PART if where is None else f"{where} does not have it yet"
-            rows[number] = {**settings, "outcome": MISSING, "message": why}
-    count = part(str(record.part)).count
-    every = (str(StudyPart(number + 1, count)) for number in range(count))
-    homes = {folder.parent for folder in parts}
-    return JoinedStudy(
-        replace(record, part=None, rows=[]),
-        list(asked[0]),
-        rows,
-        folders,
-        [wanted for wanted in every if wanted not in by_number],
-        homes.pop() if len(homes) == 1 else None,
-    )
+def _missing(settings: dict[str, str], owner: Path | None) -> dict[str, str]:
+    """The row of the table for one that no part has solved."""
+    why = _NO_PART if owner is None else f"{owner} does not have it yet"
+    return {**settings, "outcome": MISSING, "message": why}
 
 
 def _parts(given: Sequence[Path]) -> dict[Path, StudyRecord]:
@@ -140,29 +97,33 @@ def _parts(given: Sequence[Path]) -> dict[Path, StudyRecord]:
     return records
 
 
-def _same_study(
-    first: Path, record: StudyRecord, folder: Path, other: StudyRecord
-) -> None:
-    """Refuse a part of another study, or of another division of the same study."""
-    if record.study != other.study:
-        names = ("scene", "settings", "ranges", "method", "tol", "count")
-        differing = [
-            f"{name} {getattr(other, name)!r} instead of {getattr(record, name)!r}"
-            for name in names
-            if getattr(other, name) != getattr(record, name)
-        ]
-        why = "; ".join(differing) or (
-            "the scene file, one of its meshes or the version of bipot_rs was another"
-        )
-        raise ValueError(f"{folder} belongs to another study than {first}: {why}")
-    this_part, others = (
-        part(str(record_of_part.part)) for record_of_part in (record, other)
-    )
-    if this_part.count != others.count:
-        raise ValueError(
-            f"{folder} is part {others}, but {first} is part {this_part}: name the parts of one "
-            "division"
-        )
+def _same_study(parts: dict[Path, StudyRecord]) -> StudyRecord:
+    """The record of the first part; refuses others that do not belong to it, or are twice."""
+    (first, record), *_ = parts.items()
+    by_number: dict[StudyPart, Path] = {}
+    for folder, other in parts.items():
+        if record.study != other.study:
+            names = ("scene", "settings", "ranges", "method", "tol", "count")
+            differing = [
+                f"{name} {getattr(other, name)!r} instead of {getattr(record, name)!r}"
+                for name in names
+                if getattr(other, name) != getattr(record, name)
+            ]
+            why = "; ".join(differing) or (
+                "the scene file, one of its meshes or the version of bipot_rs was another"
+            )
+            raise ValueError(f"{folder} belongs to another study than {first}: {why}")
+        this, that = part(str(record.part)), part(str(other.part))
+        if this.count != that.count:
+            raise ValueError(
+                f"{folder} is part {that}, but {first} is part {this}: name the parts of one "
+                "division"
+            )
+        if by_number.setdefault(that, folder) != folder:
+            raise ValueError(
+                f"part {that} is both in {by_number[that]} and in {folder}: name one"
+            )
+    return record
 
 
 def _rows_of(
@@ -192,29 +153,30 @@ def _rows_of(
     return rows_by_number
 
 
-def copy_results(joined: JoinedStudy, folder: Path) -> None:
-    """Copy the results of the rows; on one file system, without their bytes.
+def _copy_result(source: Path, target: Path) -> None:
+    """Copy the result of a row; on one file system, without its bytes.
 
     A file of results is replaced as a whole, so that copies may share its bytes.
     """
-    for number, source in joined.folders.items():
-        result = row_folder(source, number) / RESULT
-        if result.is_file():
-            target = row_folder(folder, number) / RESULT
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.unlink(missing_ok=True)
-            try:
-                os.link(result, target)
-            except OSError:
-                shutil.copy2(result, target)
+    result, copy = source / RESULT, target / RESULT
+    if result.is_file():
+        target.mkdir(parents=True, exist_ok=True)
+        copy.unlink(missing_ok=True)
+        try:
+            os.link(result, copy)
+        except OSError:
+            shutil.copy2(result, copy)
 
 
-def missing(joined: JoinedStudy) -> str:
-    """A sentence about rows that no part has solved; "" if there is none."""
-    absent = [(k, row["message"]) for k, row in sorted(joined.rows.items())]
-    absent = [(k, why) for k, why in absent if joined.rows[k]["outcome"] == MISSING]
-    if not absent:
-        return ""
-    parts = f"part {', '.join(joined.absent)} was not joined"
-    told = group_rows((k, parts if why == _NO_PART else why) for k, why in absent)
+def _list_missing(rows: dict[int, dict[str, str]], parts: Sequence[StudyRecord]) -> str:
+    """A sentence about rows that no part has solved."""
+    given = {str(one.part) for one in parts}
+    count = part(str(parts[0].part)).count
+    every = [str(StudyPart(number + 1, count)) for number in range(count)]
+    names = ", ".join(name for name in every if name not in given)
+    absent = [(k, r["message"]) for k, r in rows.items() if r["outcome"] == MISSING]
+    told = group_rows(
+        (k, f"part {names} was not joined" if why == _NO_PART else why)
+        for k, why in absent
+    )
     return f"{count_noun(len(absent), 'row')} missing: {told}"
