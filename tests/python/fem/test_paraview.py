@@ -6,76 +6,14 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bipot_rs import fem
 from bipot_rs.fem import paraview
-from bipot_rs.fem.bodies.stress_recovery import stress, von_mises
+from bipot_rs.fem.bodies.stress_recovery import von_mises
 from bipot_rs.fem.contact_surface import contact_surface
 
-Floats = NDArray[np.float64]
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 YOUNG, POISSON = 10.0, 0.3
-
-
-def body(cell: str, *, flat: bool = False, crooked: bool = True) -> fem.Body:
-    """A small body with all nodes moved a little."""
-    dim = 2 if cell in CELLS[:2] else 3
-    mesh = fem.box([np.linspace(0, 1.5, 4), *[np.linspace(0, 1, 3)] * (dim - 1)], cell)
-    if crooked:
-        # A tenth of a cell, so that no cell is inverted.
-        moved = np.random.default_rng(5).uniform(-0.05, 0.05, mesh.p.shape)
-        mesh = type(mesh)(mesh.p + moved, mesh.t)
-    material = fem.Material(YOUNG, POISSON, plane_stress=flat, thickness=0.5)
-    return fem.Body("it", mesh, material)
-
-
-def hooke(strain: Floats, *, flat: bool) -> Floats:
-    """By compliances and their inverse, with the thickness free or held."""
-    dim = len(strain)
-    whole = np.zeros((3, 3))
-    whole[:dim, :dim] = strain
-    if flat:
-        whole[2, 2] = -POISSON / (1 - POISSON) * np.trace(strain)
-    shear = YOUNG / (2 * (1 + POISSON))
-    bulk = YOUNG / (3 * (1 - 2 * POISSON))
-    deviator = whole - np.trace(whole) / 3 * np.eye(3)
-    return 2 * shear * deviator + bulk * np.trace(whole) * np.eye(3)
-
-
-@pytest.mark.parametrize("flat", [False, True])
-@pytest.mark.parametrize("cell", CELLS)
-def test_stress_of_an_affine_displacement(cell: str, flat: bool) -> None:
-    it = body(cell, flat=flat)
-    gradient = np.random.default_rng(1).normal(size=(it.dim, it.dim))
-    stresses = stress(it, it.points @ gradient.T + 3.0, space=True)
-    strain = (gradient + gradient.T) / 2
-    exact = hooke(strain, flat=flat and it.dim == 2)
-    # Differences of coordinates of size 2, over cells of 1/2: a few units of rounding.
-    np.testing.assert_allclose(
-        stresses,
-        np.broadcast_to(exact, stresses.shape),
-        atol=1e-13 * np.abs(exact).max(),
-    )
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_stress_holds_the_forces_of_the_stiffness(cell: str) -> None:
-    """∫ σ dV = Σ f ⊗ x with f = K u for any u: K is made without stresses."""
-    it = body(cell)
-    u = np.random.default_rng(2).normal(size=it.points.shape)
-    forces = (fem.stiffness(it) @ u.ravel()).reshape(u.shape)
-    volume = it.depth * it.volume().weights.sum(axis=1)
-    force_sums = np.einsum("c,cij->ij", volume, stress(it, u, space=True))[
-        : it.dim, : it.dim
-    ]
-    exact = forces.T @ it.points
-    np.testing.assert_allclose(force_sums, exact, atol=1e-12 * np.abs(exact).max())
-
-
-def test_displacement_of_wrong_shape() -> None:
-    with pytest.raises(ValueError, match=r"displacement has shape \(3,\), expected"):
-        stress(body("triangle"), np.zeros(3))
 
 
 def test_von_mises() -> None:

@@ -16,7 +16,6 @@ from support.random_paths import (
     jvp,
     products,
     random_direction,
-    random_path,
     solvable,
 )
 
@@ -81,30 +80,3 @@ def test_each_kind_slips_and_sticks(kind: str) -> None:
         seen |= set(np.unique(result.status).tolist())
     expected = {0, 1} if kind == "frictionless" else {1, 2}
     assert expected <= seen
-
-
-def test_observed_order() -> None:
-    """Central differences approach the derivative with the order 2, until rounding."""
-    path_problem, data = random_path("elliptic", 3, 4)
-    by = random_direction(data, 4)
-    exact = jvp(path_problem.solve(data), by)
-    errors = []
-    for h in (4e-3, 2e-3, 1e-3, 5e-4):
-        ahead, behind = (
-            path_problem.solve(data.moved(by, h)),
-            path_problem.solve(data.moved(by, -h)),
-        )
-        slope = (ahead.reaction - behind.reaction) / (2 * h)
-        errors.append(np.abs(slope - exact.reaction).max())
-    order = np.log2(np.array(errors[:-1]) / errors[1:])
-    # The next term of the expansion is of the order h², at most 1e-3 of the first one.
-    np.testing.assert_allclose(order, 2.0, atol=0.02)
-    least = np.abs(slope).max() * 1e-10
-    for h in (1e-5,):
-        ahead, behind = (
-            path_problem.solve(data.moved(by, h)),
-            path_problem.solve(data.moved(by, -h)),
-        )
-        slope = (ahead.reaction - behind.reaction) / (2 * h)
-        # h² = 1e-10 and rounding of 1e-15 over h.
-        assert np.abs(slope - exact.reaction).max() <= 30 * least
