@@ -210,7 +210,9 @@ def test_a_body_on_a_plane_is_held_below_the_limit() -> None:
     assert min(told.values()) >= 15
 
 
-def block_on_a_plane(pull: Array, at: Array, mu: float) -> bp.ReducedProblem:
+def block_on_a_plane(
+    pull: Array, at: Array, mu: float | Array = 0.4
+) -> bp.ReducedProblem:
     """A free block of weight 1 on nine feet, pulled at a point of the plane."""
     x = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(
         -1, 2
@@ -230,10 +232,13 @@ def block_on_a_plane(pull: Array, at: Array, mu: float) -> bp.ReducedProblem:
     return bp.ReducedProblem(W, rng.normal(size=(9, 3)), mu, rigid=rigid)
 
 
-def test_a_block_on_a_plane_in_space() -> None:
-    centre = np.array([0.2, -0.3])
+@pytest.mark.parametrize("mu", [0.4, np.tile([0.5, 0.2], (9, 1))])
+def test_a_block_on_a_plane_in_space(mu: float | Array) -> None:
+    """With two coefficients the limit is where the ellipse is left."""
+    centre, axes = np.array([0.2, -0.3]), np.broadcast_to(mu, (9, 2))[0]
     for angle in np.linspace(0, 6, 7):
-        way = np.array([np.cos(angle), np.sin(angle)])
+        # r_t / r_n on the ellipse ‖D⁻¹ r_t‖ = r_n.
+        way = axes * np.array([np.cos(angle), np.sin(angle)])
         # Pulled through the line of its weight: friction in proportion to pressure holds the
         # block up to the limit, minus half a percent for the polygon.
         for share, verdict in (
@@ -241,11 +246,23 @@ def test_a_block_on_a_plane_in_space() -> None:
             (0.99, "guaranteed"),
             (1.001, "none"),
         ):
-            problem = block_on_a_plane(share * 0.4 * way, centre, 0.4)
-            assert problem.existence().verdict == verdict
+            problem = block_on_a_plane(share * way, centre, mu)
+            existence = problem.existence()
+            assert existence.verdict == verdict
             assert problem.solve(max_iterations=3000).converged == (share < 1)
-    # Pulled off that line: the foot below its weight alone could not stop it turning.
-    beside = block_on_a_plane(np.array([0.1, 0.0]), np.array([0.2, 0.0]), 0.4)
+            if existence.motion is not None:
+                # It lies in every dual cone, v_n >= ‖D v_t‖, to rounding.
+                v = existence.motion
+                slip = np.linalg.norm(axes * v[:, 1:], axis=1)
+                assert (v[:, 0] - slip >= -1e-9).all()
+            if existence.inside is not None:
+                slip = np.linalg.norm(axes * existence.inside[:, 1:], axis=1)
+                assert (existence.inside[:, 0] > slip).all()
+
+
+def test_a_block_that_is_pulled_beside_its_weight() -> None:
+    """The foot below its weight alone could not stop it turning."""
+    beside = block_on_a_plane(np.array([0.1, 0.0]), np.array([0.2, 0.0]))
     assert beside.existence().verdict == "unknown"
     assert beside.solve().converged
 
@@ -325,30 +342,6 @@ def test_the_scenes_have_answers() -> None:
         problem = case.model.problem()
         load = None if case.load is None else case.load[0]
         assert problem.existence(load, case.prescribed[0]).verdict == "guaranteed"
-
-
-def test_a_block_with_a_grain_in_its_feet() -> None:
-    """Friction of two coefficients: the limit is where the ellipse is left."""
-    centre, mu = np.array([0.2, -0.3]), np.array([0.5, 0.2])
-    for angle in np.linspace(0, 6, 7):
-        # r_t / r_n on the ellipse ‖D⁻¹ r_t‖ = r_n.
-        way = mu * np.array([np.cos(angle), np.sin(angle)])
-        for share, verdict in ((0.99, "guaranteed"), (1.001, "none")):
-            block_data = block_on_a_plane(share * way, centre, 0.0)
-            problem = bp.ReducedProblem(
-                block_data.W, block_data.q, np.tile(mu, (9, 1)), rigid=block_data.rigid
-            )
-            existence = problem.existence()
-            assert existence.verdict == verdict
-            assert problem.solve(max_iterations=3000).converged == (share < 1)
-            if existence.motion is not None:
-                # It lies in every dual cone, v_n >= ‖D v_t‖, to rounding.
-                v = existence.motion
-                slip = np.linalg.norm(mu * v[:, 1:], axis=1)
-                assert (v[:, 0] - slip >= -1e-9).all()
-            if existence.inside is not None:
-                slip = np.linalg.norm(mu * existence.inside[:, 1:], axis=1)
-                assert (existence.inside[:, 0] > slip).all()
 
 
 @pytest.mark.parametrize("turns", [-7, -3, 1, 5, 9])
