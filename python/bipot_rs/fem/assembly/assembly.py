@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -289,7 +290,7 @@ class Assembly:
             bare = turn_operator(frame, self.frame, bare)
         return replace(self, frame=frame, B=turned, _bare=bare)
 
-    @property
+    @cached_property
     def cells(self) -> list[tuple[str, Ints]]:
         """Cells of all bodies, with indices into `nodes`, in the node order of VTK."""
         return [
