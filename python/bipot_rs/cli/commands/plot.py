@@ -153,19 +153,15 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     result.units = json.loads(attributes.get("units") or "{}") or result.units
     target = found.out or path.with_name(f"{kind}.png")
     case = _case(path, attributes, scene, settings) if with_mesh else None
-    asked = {
-        "on": found.contact,
-        "along": found.along,
-        "step": None if step is None else step - 1,
-        "near": found.near,
-        "scale": found.scale,
-        "displacement": found.over,
-        "backend": found.backend,
-    }
-    options = {name: value for name, value in asked.items() if value is not None}
-    for option in options:
-        if not KINDS[kind].takes(option):
-            raise ValueError(f"{_OPTIONS[option]} cannot be used with --kind {kind}")
+    options: dict[str, Any] = {}
+    for name, option in _OPTIONS.items():
+        value = getattr(found, option.removeprefix("--"))
+        if value is not None:
+            if not KINDS[kind].takes(name):
+                raise ValueError(f"{option} cannot be used with --kind {kind}")
+            options[name] = value
+    if step is not None:
+        options["step"] = step - 1
     with writing(target):
         if target.suffix.lower() == ".gif":
             if step is not None:
