@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
 from pathlib import Path
@@ -281,21 +282,10 @@ class Series:
         if self._pieces > 1:
             # The folder is shared: another process may be writing into it.
             return
-        written = set(self._names)
-        for old in _beside(index):
-            digits = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
-            is_step = old.name == f"{index.stem}_{digits}.vtu" and len(digits) >= 4
-            number = digits.isascii() and digits.isdigit()
-            if is_step and number and old.name not in written:
+        step = re.compile(rf"{re.escape(index.stem)}_[0-9]{{4,}}\.vtu")
+        for old in list(index.parent.glob("*.vtu")):
+            if step.fullmatch(old.name) and old.name not in self._names:
                 old.unlink()
-
-
-def _beside(path: Path) -> list[Path]:
-    """Contents of the folder of ``path``; [] without permission to read it."""
-    try:
-        return list(path.parent.iterdir())
-    except PermissionError:
-        return []
 
 
 def check_index(path: str | os.PathLike[str]) -> Path:

@@ -51,16 +51,9 @@ def choose_engine(
 ) -> tuple[str, str]:
     """Choose the engine of a load path, and say why.
 
-    Parameters
-    ----------
-    engine
-        The engine asked for.
-    d, free, contacts
-        Dimension, number of free degrees of freedom and of contacts.
-    steps
-        Number of load steps. None: not known, so that the choice may be ``"auto"``.
-    available
-        Bytes that the direct engine may use; None if unknown.
+    ``engine``: the one asked for. ``d, free, contacts, steps``: dimension, number of free degrees
+    of freedom, of contacts and of load steps; without ``steps`` the choice may be ``"auto"``.
+    ``available``: bytes that the direct engine may use; None if unknown.
 
     >>> choose_engine("auto", 3, 12_000, 400, None, 8e9)
     ('direct', 'a small problem, factorised once')

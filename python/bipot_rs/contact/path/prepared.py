@@ -84,45 +84,26 @@ WITHOUT_FACTOR: dict[str, object] = dict.fromkeys(
 
 @dataclass(frozen=True, eq=False)
 class StiffnessOptions:
-    """What a problem says of its stiffness, checked.
+    """What a problem says of its stiffness, checked."""
 
-    Attributes
-    ----------
-    n
-        Number of degrees of freedom.
-    fixed
-        Numbers of the prescribed ones.
-    coordinates : (n, 3) or None
-        Coordinates of each degree of freedom.
-    places : (n, d) or None
-        The same, unless they are in another dimension than the contacts.
-    bodies
-        Names of the bodies, each with its first degree of freedom.
-    digits
-        Relative error of K, if it is not rounding.
-    steps
-        Number of load steps, where it is known before the first load path.
-    kinematics
-        What only a mesh knows, for the direct engine: positions ``(n, 3)``, what all rigid
-        motions move at each degree of freedom ``(n, m)``, and the loss ``(n,)``, the terms
-        from which each row of K was summed over its entries.
-    latched
-        Whether K is kept, for `PreparedStiffness.set_free`.
-    """
-
-    n: int
-    fixed: Ints
+    n: int  # number of degrees of freedom
+    fixed: Ints  # numbers of the prescribed ones
     num_threads: int | None = None
+    # Coordinates of each degree of freedom, (n, 3), and the same, (n, d), unless they are in
+    # another dimension than the contacts.
     coordinates: Floats | None = None
     places: Floats | None = None
     memory_limit: int | None = None
     working_set: bool | None = None
-    bodies: dict[str, int] | None = None
-    digits: Digits | None = None
+    bodies: dict[str, int] | None = None  # names, each with its first degree of freedom
+    digits: Digits | None = None  # relative error of K, if it is not rounding
     engine: str = "auto"
-    steps: int | None = None
+    steps: int | None = None  # load steps, where known before the first load path
+    # What only a mesh knows, for the direct engine: positions (n, 3), what all rigid motions
+    # move at each degree of freedom (n, m), and the loss (n,), the terms from which each row of
+    # K was summed over its entries.
     kinematics: tuple[Floats, Floats, Floats] | None = None
-    latched: bool = False
+    latched: bool = False  # whether K is kept, for `PreparedStiffness.set_free`
 
     @classmethod
     def check(
@@ -236,23 +217,9 @@ class PreparedStiffness:
     it is; once it is condensed, the core has it. A pickle holds K and not the factor, which may
     be a hundred times as large: condensing again gives the same bits.
 
-    Parameters
-    ----------
-    stiffness
-        K, with its digits restored.
-    restored
-        The digits that were restored.
-    contacts, options
-        The contacts, and what is said of K.
-    loads
-        Loads of all steps, if K is not needed after these.
-    on_forecast
-        As in `ContactProblem`.
-
-    Attributes
-    ----------
-    seconds
-        Time of the condensation.
+    ``stiffness, restored``: K, and the digits of it that were restored. ``loads``: those of all
+    steps, if K is not needed after these. ``on_forecast``: as in `ContactProblem`.
+    ``seconds``: time of the condensation.
     """
 
     # The condensed problem, once it is made; the iterative engine, if it may be used.

@@ -36,26 +36,13 @@ _HELD, _STIFFEST = 1e-6, 1e-3
 
 @dataclass(frozen=True)
 class Springs:
-    """Springs of the core, each with the row that gives its elongation.
+    """Springs of the core, each with the row that gives its elongation."""
 
-    Attributes
-    ----------
-    place : (n,)
-        Number of each degree of freedom in the core.
-    rows : (m, n')
-        The elongations of displacements of the core.
-    stiffness : (m,)
-        k.
-    contacts : (m_c,)
-        Contacts with a copy; their rows are the last ones.
-    blocks : (m_c, d, d)
-        ``S``: a copy c has the relative displacement ``S c``, but for other bodies.
-    """
-
-    place: Ints
-    rows: CsrMatrix
-    stiffness: Floats
-    contacts: Ints
+    place: Ints  # number of each degree of freedom in the core, (n,)
+    rows: CsrMatrix  # the elongations of displacements of the core, (m, n')
+    stiffness: Floats  # k, (m,)
+    contacts: Ints  # contacts with a copy, (m_c,); their rows are the last ones
+    # S, (m_c, d, d): a copy c has the relative displacement S c, but for other bodies.
     blocks: Floats
 
     @classmethod
