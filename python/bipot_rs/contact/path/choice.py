@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import size
-from bipot_rs._lib.types import CsrMatrix
 from bipot_rs.contact import tuning
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import CsrMatrix
 
 ENGINES = ("auto", "direct", "iterative")
 
@@ -28,6 +30,9 @@ def check_method(method: str, engine: str) -> None:
 
 def joins_surfaces(operator: CsrMatrix, d: int) -> bool:
     """Whether the contacts of B have more nodes than the two of a matching pair, as of mortar."""
+    # The engines are named where the help of commands must not load NumPy.
+    import numpy as np
+
     rows, n = operator.shape
     row = np.repeat(np.arange(rows), np.diff(operator.indptr))
     return len(np.unique(row // d * n + operator.indices // d)) > 2 * (rows // d)
