@@ -35,8 +35,8 @@ JOINED_SOLUTIONS, JOINED_SIZE, JOINED_GROWTH, JOINED_BYTES = 12, 65_000, 0.16, 2
 # although a factor would fit.
 FACTOR_BYTES, FACTOR_GROWTH = 29e9, 1.34
 
-# --- Forecast of a scene (cli/run/cost_forecast.py): benches/results/whole_job.csv, and the memory
-# of lap joints of 19,000 and 42,000 unknowns. They only change what `bipot check` and the start
+# --- Forecast of a scene (cli/run/cost_forecast.py): the runs of *Forecasts of time and memory* in
+# benches/results/measured_once.md. They only change what `bipot check` and the start
 # of a run print. Half and twice: the forecasts are off by as much.
 
 # Rate of the condensation [flop/s per core]. benches/README.md has twice as much on a server
@@ -44,11 +44,12 @@ FACTOR_BYTES, FACTOR_GROWTH = 29e9, 1.34
 FLOP_RATE = 2e10
 # Products with W that the load steps of the direct engine are worth: of the first for each row of
 # W, of another one, and of each where surfaces do not match; and how fast W is read [bytes/s per
-# core]. Cubes and pairs take 0.09 to 0.12 for each row, then 20 to 25; half of bolted joints with
-# 731 and 1351 contacts takes 1,100 a step.
+# core]. Cubes and pairs take 0.09 to 0.12 for each row, then 20 to 25; half of a bolted joint with
+# 1351 contacts takes 1,090 a step. With 731 it takes 2,070, twice as fast: W stays in cache.
 FIRST_PRODUCTS, PRODUCTS, JOINED_PRODUCTS, BYTE_RATE = 0.1, 25, 1100, 1e10
 # Matrices of the size of W, beside the factor, in a load step of the direct engine: half of bolted
-# joints with 731 and 1351 contacts takes 7.8 and 7.3. Half: runs take a half more than is said.
+# joints with 731 and 1351 contacts takes 8.9, a cube with 1369 some 6. Half: the larger joint takes
+# 1.5 times what is said; twice: 0.65 of it.
 COPIES_OF_W = 8
 # Memory of the iterative engine for each entry of the matrices of hexahedra [bytes], from which a
 # run is refused; of tetrahedra, which share more entries, more than that of K.

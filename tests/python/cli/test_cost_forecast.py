@@ -130,8 +130,8 @@ def test_more_work_takes_longer_and_more_cores_less() -> None:
     ("scene", "engine", "settings"),
     [
         ("sheared_cube", "direct", ["mesh.n=17"]),
-        ("two_blocks", "direct", ["mesh.n=15"]),
-        ("two_blocks", "direct", ["mesh.n=15", 'contact.0.pairing="mortar"']),
+        ("two_blocks", "direct", ["mesh.n=16"]),
+        ("two_blocks", "direct", ["mesh.n=14", 'contact.0.pairing="mortar"']),
         ("pressed_block", "direct", ["mesh.n=128"]),
         ("sheared_cube", "iterative", ["mesh.n=28"]),
         ("two_blocks", "iterative", ["mesh.n=20"]),

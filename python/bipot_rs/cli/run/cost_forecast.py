@@ -207,7 +207,7 @@ def core_bytes(counts: Record, model: Assembly) -> float:
     if counts.get("engine") != "direct":
         return peak
     of_W = 8.0 * _order(counts, model) ** 2
-    return max(peak, counts["bytes_factor"] + tuning.COPIES_OF_W * of_W)
+    return max(peak, float(counts["bytes_factor"]) + tuning.COPIES_OF_W * of_W)
 
 
 def _order(counts: Record, model: Assembly) -> int:
