@@ -46,8 +46,9 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     """Read, mesh and assemble a scene, and find the cost of condensing it.
 
     Returns ``title``, sizes (``dofs``, ``prescribed``, ``contacts``, ``steps``, ``bodies``),
-    ``forecast`` with the counts of `ContactProblem`'s ``on_forecast`` and ``seconds``, or with
-    the memory of a rank of engine petsc, None where a body floats; ``floating``, a message on
+    ``forecast`` with the counts of `ContactProblem`'s ``on_forecast``, ``seconds`` and
+    ``bytes_run``, the peak of a run, or with the memory of a rank of engine petsc, None where a
+    body floats; ``floating``, a message on
     motions that neither supports nor contact can prevent, or on loads that contact cannot
     carry, or None; ``held_by_contact``, names of bodies without support and spring;
     ``remarks``, a list of messages; ``loads``, the area of each traction and pressure; and
