@@ -251,7 +251,7 @@ def force_displacement(
     arrays = contacts_of(path, contacts)
     chosen, frame, mu = _choose(path, on, arrays)
     names = names_of(arrays) if on is None else []
-    said = f"sum of {len(names)} surfaces, on= chooses one" if len(names) > 1 else ""
+    said = f"sum of {len(names)} surfaces, 'on' chooses one" if len(names) > 1 else ""
     _, drag, limit, main = sums(path.reaction[:, chosen], frame, mu)
     drive = -(drag @ main)
     if displacement is None:
