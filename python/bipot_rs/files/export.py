@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -257,7 +258,9 @@ def _store(
     if array.dtype.kind not in "fiub":
         group[name] = value
         return
-    made = h5py.h5d.create(group.id, name.encode(), *_form(h5py, array))
+    made = h5py.h5d.create(
+        group.id, name.encode(), *_form(h5py, array.dtype, array.shape)
+    )
     if array.size:
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, array)
     for label, text in about.items():
@@ -272,14 +275,18 @@ def _label(h5py: ModuleType, holder: Group | Dataset, name: str, value: object) 
     if not text and array.dtype.kind not in "fiub":
         holder.attrs[name] = value
         return
-    h5py.h5a.create(holder.id, name.encode(), *_form(h5py, array)).write(array)
+    form = _form(h5py, array.dtype, array.shape)
+    h5py.h5a.create(holder.id, name.encode(), *form).write(array)
 
 
-def _form(h5py: ModuleType, array: AnyArray) -> tuple[object, object]:
-    """Type and dataspace of an array of numbers."""
+@lru_cache(64)
+def _form(
+    h5py: ModuleType, kind: np.dtype[np.generic], shape: tuple[int, ...]
+) -> tuple[object, object]:
+    """Type and dataspace of an array of numbers, or of strings, which alone are objects."""
     h5s = h5py.h5s
-    space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
-    return h5py.h5t.py_create(array.dtype, logical=True), space
+    space = h5s.create_simple(shape) if shape else h5s.create(h5s.SCALAR)
+    return h5py.h5t.py_create(kind, logical=True), space
 
 
 def _digest(file: BinaryIO, size: int) -> bytes:

@@ -173,7 +173,6 @@ def _pack(numbers: AnyArray) -> bytes:
     """What the filters of the dataset make of numbers: their bytes by digit, deflated."""
     digits = np.ascontiguousarray(numbers).view(np.uint8).reshape(-1, numbers.itemsize)
     # The search for repeated strings takes half of the time, for a twentieth of the size.
-    many = len(numbers) > _MANY
-    strategy = zlib.Z_RLE if many else zlib.Z_DEFAULT_STRATEGY
+    strategy = zlib.Z_RLE if len(numbers) > _MANY else zlib.Z_DEFAULT_STRATEGY
     packer = zlib.compressobj(1, strategy=strategy)
     return packer.compress(digits.T.tobytes()) + packer.flush()
