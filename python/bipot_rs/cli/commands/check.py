@@ -87,8 +87,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     elif counts:
         cost = cost_forecast.cost(counts, model, steps)
         remarks += cost_forecast.describe_stalling(counts, model)
-        seconds = cost_forecast.seconds(counts, cost_forecast.cores())
-        forecast = counts | {"seconds": seconds}
+        forecast = counts | {"seconds": cost_forecast.seconds(counts)}
     return {
         "title": scene.title,
         "bodies": len(model.bodies),

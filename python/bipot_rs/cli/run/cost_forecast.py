@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import prod
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import bipot_rs._core as _core
 from bipot_rs._lib.machine import available, peak_mb, resident
 from bipot_rs._lib.messages import count_noun, duration, size
 from bipot_rs.contact import tuning
@@ -76,34 +76,22 @@ def with_memory(
     """
     held = resident() + tuning.LATER_BYTES + tuning.ARRAY_BYTES * model.n
 
-    def tell_more(counts: Record) -> None:
-        most = max(2**20 * peak_mb(), held + core_bytes(counts, model))
-        tell({**counts, "bytes_run": most})
-
-    return tell_more
-
-
-def work(counts: Record) -> float:
-    """Operations [flop]: the factor of K and the inverse of S, or all iterative steps."""
-    if counts.get("engine") == "iterative":
-        return float(counts["flops"])
-    # Assumes b equal bodies: (m/b)³ each.
-    inverse = float(counts["n_contact_dofs"]) ** 3 / max(int(counts["bodies"]), 1) ** 2
-    return float(counts["flops"]) + inverse
+    return lambda counts: tell(
+        {
+            **counts,
+            "bytes_run": max(2**20 * peak_mb(), held + core_bytes(counts, model)),
+        }
+    )
 
 
-def seconds(counts: Record, cores: int) -> float:
-    """Rough time of the condensation, or of the iterative steps [s]."""
-    return work(counts) / (tuning.FLOP_RATE * max(cores, 1))
-
-
-def cores() -> int:
-    """Number of threads that the core will use."""
-    for name in ("BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"):
-        value = os.environ.get(name, "")
-        if value.isdigit() and int(value) > 0:
-            return int(value)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+def seconds(counts: Record) -> float:
+    """Rough time of the factor of K and the inverse of S, or of all iterative steps [s]."""
+    flops = float(counts["flops"])
+    if counts.get("engine") != "iterative":
+        # Assumes b equal bodies: (m/b)³ each.
+        bodies = max(int(counts["bodies"]), 1)
+        flops += float(counts["n_contact_dofs"]) ** 3 / bodies**2
+    return flops / (tuning.FLOP_RATE * _core.threads())
 
 
 def sizes(model: Assembly, steps: int) -> list[str]:
@@ -153,22 +141,21 @@ def cost(counts: Record, model: Assembly, steps: int) -> list[str]:
     """Lines with memory and time of a path, from the counts of the analysis."""
     free = available()
     of = "" if free is None else f", {size(free)} are free"
-    threads = cores()
-    engine = []
-    if "engine" in counts:
-        engine = [f"  engine    {counts['engine']}: {counts['engine_reason']}"]
-    engine.append(f"  memory    about {size(counts['bytes_run'])}{of}")
-    if counts.get("engine") == "iterative":
-        time = duration(seconds(counts, threads))
-        return [*engine, f"  time      {time} for all load steps"]
+    head = [
+        f"  engine    {counts['engine']}: {counts['engine_reason']}",
+        f"  memory    about {size(counts['bytes_run'])}{of}",
+    ]
+    time = duration(seconds(counts))
+    if counts["engine"] == "iterative":
+        return [*head, f"  time      {time} for all load steps"]
     order = _order(counts, model)
     products = tuning.FIRST_PRODUCTS * order + tuning.PRODUCTS * steps
     if joins_surfaces(model.B, model.dim):
         products = tuning.JOINED_PRODUCTS * steps
-    of_steps = duration(products * 8.0 * order**2 / (tuning.BYTE_RATE * threads))
-    time = duration(seconds(counts, threads))
+    rate = tuning.BYTE_RATE * _core.threads()
+    of_steps = duration(products * 8.0 * order**2 / rate)
     return [
-        *engine,
+        *head,
         f"  time      {time} to factorise the stiffness, {of_steps} for "
         + count_noun(steps, "load step"),
     ]

@@ -374,8 +374,7 @@ class Job(SharedRunner):
             lines = cost_forecast.cost(counts, case.model, len(case.parameter))
             stalling = cost_forecast.describe_stalling(counts, case.model)
             self._announce(case, [*lines, *cost_forecast.list_remarks(stalling)])
-            seconds = cost_forecast.seconds(counts, cost_forecast.cores())
-            self.progress.forecast(seconds)
+            self.progress.forecast(cost_forecast.seconds(counts))
 
         self.problem = case.problem(
             on_forecast=(

@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from time import perf_counter, sleep
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import describe_fault
 from bipot_rs.cli.interrupts import Interrupts
@@ -49,7 +50,6 @@ class SharedRunner(Runner):
 
     def _join(self) -> None:
         """Become one of the processes of mpirun, or the only one without it."""
-        from bipot_rs.cli.run.cost_forecast import cores
         from bipot_rs.petsc.library import load
 
         if read_launcher()[0]:
@@ -63,7 +63,7 @@ class SharedRunner(Runner):
             library.MPI, self.interrupts, self._explain, self._last_words
         )
         if not {"BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"} & set(os.environ):
-            cores_of_rank = cores() // self.ranks.neighbours
+            cores_of_rank = _core.threads() // self.ranks.neighbours
             os.environ["BIPOT_NUM_THREADS"] = str(max(cores_of_rank, 1))
         self.shared = True
         if not self.ranks.first:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.progress import Progress, complain, line
-from bipot_rs.cli.run.cost_forecast import cores
 from bipot_rs.cli.run.output_folder import SWEEP
 from bipot_rs.cli.study.folder import (
     LOST,
@@ -160,7 +160,7 @@ def _row(request: StudyOptions, study: Study, number: int, folder: Path) -> Row:
 def _pool(request: StudyOptions, say: Callable[[str], object]) -> Workers | Cluster:
     """What solves the rows: processes of this machine, or a cluster."""
     if request.scheduler is None:
-        return Workers(solve, cores() if request.jobs is None else request.jobs)
+        return Workers(solve, _core.threads() if request.jobs is None else request.jobs)
     from bipot_rs.cli.study.workers import Cluster
 
     return Cluster(request.scheduler, say)
