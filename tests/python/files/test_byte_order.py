@@ -26,11 +26,18 @@ def mark(path: Path) -> None:
 @pytest.mark.parametrize("template", ["mesh", "block"])
 def test_scenes_and_their_meshes(template: str, bipot: Any) -> None:
     assert bipot("new", "mine", "--template", template)[0] == 0
-    before = json.loads(bipot("check", "mine.toml", "--json")[1])
+
+    def check() -> Any:
+        said = json.loads(bipot("check", "mine.toml", "--json")[1])
+        # It counts what this process holds.
+        del said["forecast"]["bytes_run"]
+        return said
+
+    before = check()
     told = bipot("info", "mine.toml")[1]
     for file in Path().iterdir():
         mark(file)
-    assert json.loads(bipot("check", "mine.toml", "--json")[1]) == before
+    assert check() == before
     assert bipot("info", "mine.toml")[1] == told
     text = Path("mine.toml").read_text(encoding="utf-8")
     assert text.startswith("\ufeff")
