@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import analytic, fem
-from bipot_rs.discretisation.contact_facets import contact_facets
-from bipot_rs.discretisation.simplices import simplices
 from bipot_rs.fem.contact.surfaces import ContactSurface
 from support.halfspace import body, boussinesq, grid, mirrored
 from support.profiles import Profile
@@ -434,12 +432,6 @@ def test_contacts_of_all_kinds_in_one_model() -> None:
     np.testing.assert_array_equal(both.gap[count:], first.gap)
     assert (both.B[3 * count :] != first.B).nnz == 0
     np.testing.assert_array_equal(both.contact_dofs[count:, 1], -1)
-
-
-def test_functions_that_need_matching_nodes_refuse_others() -> None:
-    model, _ = pressed(("triangle", "triangle"), "up")
-    with pytest.raises(ValueError, match=r"paired by 'mortar'.*pairing='match'"):
-        contact_facets(model, [simplices(b) for b in model.bodies])
 
 
 @pytest.mark.parametrize(
