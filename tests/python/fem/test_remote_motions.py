@@ -54,8 +54,10 @@ class Model:
         return self.model.reference_force("holder", self.force)
 
 
-def check(seed: int, most: int = 40) -> None:
-    it = Model(np.random.default_rng(seed), most)
+@pytest.mark.parametrize("seed", range(320))
+@pytest.mark.quick_variants(*map(str, range(20)))
+def test_the_motions_of_remotes(seed: int) -> None:
+    it = Model(np.random.default_rng(seed), 60 if seed >= 20 and seed % 2 else 40)
     problem = it.model.problem(engine="direct")
     free = it.dim + it.rotations - len(it.held)
     assert len(problem.rigid_motions) == free, seed
@@ -65,14 +67,3 @@ def check(seed: int, most: int = 40) -> None:
     # The reactions balance the force to the tolerance of the residual, 1e-12.
     size = np.abs(it.force).max()
     assert np.abs(total + it.force).max() <= 1e-10 * size, seed
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_the_motions_of_remotes(seed: int) -> None:
-    check(seed)
-
-
-@pytest.mark.slow
-def test_the_motions_of_many_remotes() -> None:
-    for seed in range(100, 400):
-        check(seed, most=40 + 20 * (seed % 2))
