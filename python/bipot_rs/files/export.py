@@ -80,9 +80,7 @@ def write_result(
     Raises `OSError`: the file cannot be written; an earlier one is unchanged.
     """
     h5py = load_library("h5py")
-
     digits = max(4, len(str(max(len(steps) - 1, 0))))
-
     named = units or {}
     first = {} if fields is None or not steps else fields(0)
 
@@ -191,9 +189,7 @@ def read_attributes(path: str | os.PathLike[str]) -> Record:
 @contextmanager
 def _open(path: str | os.PathLike[str]) -> Iterator[tuple[File, Record]]:
     """The open file and its attributes; errors of the block name the file."""
-    h5py = load_library("h5py")
-
-    source = place(path)
+    h5py, source = load_library("h5py"), place(path)
     if source.exists() and not source.is_file():
         raise OSError(f"{path} is not a file")
     sealed = _has_seal(source)

@@ -198,8 +198,8 @@ class DirectRecovery:
     """Computes displacements of steps.
 
     Steps refer to this and not to their path: a path refers to the step that it started
-    from, and all steps of a long chain would stay in memory. Those of one core are equal, so
-    that `recover_displacements` finds all of a path together.
+    from, and all steps of a long chain would stay in memory. `recover_displacements` groups
+    steps by it: those of one core are equal.
     """
 
     core: _core.Condensed
