@@ -113,13 +113,16 @@ def stiffness(
     thickness: float,
     laws: _Floats,
     material: _Indices | None = None,
+    part: tuple[_Indices, _Indices] | None = None,
     num_threads: int | None = None,
 ) -> _Csr:
     """`K` of a mesh ``(d, nodes)`` of cells of one kind ``(c, cells)``.
 
     ``slopes`` are ``∂φ_i/∂ξ_b`` at the quadrature points, ``(q, d, c)``. A row of ``laws``
     has λ and μ of a material, or all d⁴ entries of its tensor; ``material`` is the row
-    of each cell. A `ValueError` for a folded or flat cell has its number as ``cell``.
+    of each cell. ``part`` has the nodes of the wanted rows, ascending, and the numbers of
+    all nodes among the columns. A `ValueError` for a folded or flat cell has its number as
+    ``cell``.
     """
 
 def sum_of_cells(
@@ -127,9 +130,10 @@ def sum_of_cells(
     nodes: int,
     dim: int,
     matrices: _Floats,
+    part: tuple[_Indices, _Indices] | None = None,
     num_threads: int | None = None,
 ) -> _Csr:
-    """Sum of matrices of cells, for each cell ``(c, c, d, d)`` in one row."""
+    """Sum of matrices of cells, for each cell ``(c, c, d, d)`` in one row; ``part`` as above."""
 
 def project(
     tau: _Floats, law: ContactLaw, base: _Floats | None = None
@@ -511,8 +515,11 @@ class StiffnessRows:
     def __new__(
         cls, places: _Floats, fixed: _Indices, num_threads: int | None = None
     ) -> StiffnessRows: ...
-    def append(self, part: _Csr, places: _Floats) -> None:
-        """Add the next rows, all of some nodes; ``places`` are coordinates as of `bodies`."""
+    def append(self, part: _Csr, places: _Floats) -> bool:
+        """Add the next rows, all of some nodes; whether their diagonal is positive.
+
+        ``places`` are coordinates as of `bodies`.
+        """
     def bodies(self, places: _Floats) -> _Bodies:
         """As `bodies`, of all rows, once."""
 

@@ -43,8 +43,9 @@ where
     }
 }
 
-/// The diagonal of K, zero where it has no entry. Columns of a row ascend.
-pub fn diagonal<I>(k: &Rows<'_, I>) -> Vec<f64>
+/// The diagonal of K in its rows from `first` on, zero where it has no entry. Columns of a row
+/// ascend.
+pub fn diagonal<I>(k: &Rows<'_, I>, first: usize) -> Vec<f64>
 where
     I: Copy + Sync,
     usize: TryFrom<I>,
@@ -53,8 +54,8 @@ where
     tasks::collect(k.pointer.len().saturating_sub(1), |i| {
         let row = at(k.pointer[i])..at(k.pointer[i + 1]);
         let columns = &k.index[row.clone()];
-        let place = columns.partition_point(|&j| at(j) < i);
-        let found = columns.get(place).is_some_and(|&j| at(j) == i);
+        let place = columns.partition_point(|&j| at(j) < first + i);
+        let found = columns.get(place).is_some_and(|&j| at(j) == first + i);
         if found {
             k.values[row.start + place]
         } else {

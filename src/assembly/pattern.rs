@@ -7,11 +7,19 @@ use crate::tasks;
 /// Rows shorter than this are not worth a task of their own.
 const LEAST_ROWS: usize = 1024;
 
+/// Some rows of K: their nodes, ascending, and the numbers of all nodes among the columns.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Part {
+    pub rows: Vec<usize>,
+    pub numbers: Vec<usize>,
+}
+
 /// For each node the nodes that share a cell with it, ascending.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pattern {
     start: Vec<usize>,
     column: Vec<u32>,
+    part: Option<Part>,
 }
 
 /// Index type of compressed rows.
@@ -38,16 +46,21 @@ index!(i32);
 index!(i64);
 
 impl Pattern {
-    /// The pattern of a mesh.
-    pub fn new(cells: &Cells) -> Self {
+    /// The pattern of a mesh; other rows than those of a `part` are empty.
+    pub fn new(cells: &Cells, part: Option<Part>) -> Self {
         let around = Around::new(cells);
         let nodes = cells.nodes();
+        let mut wanted = vec![part.is_none(); nodes];
+        for &row in part.iter().flat_map(|part| &part.rows) {
+            wanted[row] = true;
+        }
         let rows = chunk_of_rows(nodes);
         let mut start = vec![0; nodes + 1];
         tasks::for_each(start[1..].chunks_mut(rows), |chunk, lengths| {
             let mut seen = Seen::new(nodes);
-            for (row, length) in lengths.iter_mut().enumerate() {
-                seen.visit(cells, &around, chunk * rows + row, |_| *length += 1);
+            let rows = (chunk * rows..).zip(lengths);
+            for (row, length) in rows.filter(|(row, _)| wanted[*row]) {
+                seen.visit(cells, &around, row, |_| *length += 1);
             }
         });
         for row in 0..nodes {
@@ -57,7 +70,8 @@ impl Pattern {
         let bounds: Vec<usize> = start.iter().copied().step_by(rows).collect();
         tasks::for_each(parts(&mut column, &bounds), |chunk, mut rest| {
             let mut seen = Seen::new(nodes);
-            for row in chunk * rows..nodes.min((chunk + 1) * rows) {
+            let rows = chunk * rows..nodes.min((chunk + 1) * rows);
+            for row in rows.filter(|row| wanted[*row]) {
                 let (own, later) =
                     std::mem::take(&mut rest).split_at_mut(start[row + 1] - start[row]);
                 let mut next = 0;
@@ -69,7 +83,11 @@ impl Pattern {
                 rest = later;
             }
         });
-        Self { start, column }
+        Self {
+            start,
+            column,
+            part,
+        }
     }
 
     /// Number of nodes.
@@ -92,12 +110,25 @@ impl Pattern {
         &self.column[self.start[node]..self.start[node + 1]]
     }
 
+    /// Number of nodes among the columns.
+    pub fn columns(&self) -> usize {
+        let last = self
+            .part
+            .as_ref()
+            .and_then(|part| part.numbers.iter().max());
+        last.map_or(self.nodes(), |last| last + 1)
+    }
+
     /// Row pointers and columns of the degrees of freedom, `D` for each node.
     pub fn csr<const D: usize, I: Index>(&self) -> (Vec<I>, Vec<I>) {
-        let nodes = self.nodes();
+        let part = self.part.as_ref();
+        let nodes = part.map_or(self.nodes(), |part| part.rows.len());
+        let node_of = |row: usize| part.map_or(row, |part| part.rows[row]);
+        let number = |node: u32| part.map_or(node as usize, |part| part.numbers[node as usize]);
         let rows = chunk_of_rows(nodes);
         let mut pointer = vec![I::default(); D * nodes + 1];
-        tasks::for_each_together(pointer[1..].chunks_mut(D), LEAST_ROWS, |node, ends| {
+        tasks::for_each_together(pointer[1..].chunks_mut(D), LEAST_ROWS, |row, ends| {
+            let node = node_of(row);
             let length = D * (self.start[node + 1] - self.start[node]);
             for (k, end) in ends.iter_mut().enumerate() {
                 *end = I::of(D * D * self.start[node] + (k + 1) * length);
@@ -106,15 +137,15 @@ impl Pattern {
         let mut index: Vec<I> = zeros(D * D * self.blocks());
         let bounds: Vec<usize> = (0..nodes)
             .step_by(rows)
-            .map(|node| D * D * self.start[node])
+            .map(|row| D * D * self.start[node_of(row)])
             .collect();
         tasks::for_each(parts(&mut index, &bounds), |chunk, part| {
             let mut entries = part.iter_mut();
-            for node in chunk * rows..nodes.min((chunk + 1) * rows) {
+            for row in chunk * rows..nodes.min((chunk + 1) * rows) {
                 for _ in 0..D {
-                    for &column in self.row(node) {
+                    for column in self.row(node_of(row)).iter().map(|&node| number(node)) {
                         for (m, entry) in entries.by_ref().take(D).enumerate() {
-                            *entry = I::of(D * column as usize + m);
+                            *entry = I::of(D * column + m);
                         }
                     }
                 }

@@ -41,9 +41,9 @@ pub(crate) fn add<'a, const D: usize>(
             let own = matrix(cell);
             for (i, &node) in nodes.iter().enumerate() {
                 let node = node as usize;
-                if rows.contains(&node) {
+                let columns = pattern.row(node);
+                if rows.contains(&node) && !columns.is_empty() {
                     let from = D * D * pattern.start(node) - bounds[part];
-                    let columns = pattern.row(node);
                     let row = &mut values[from..][..D * D * columns.len()];
                     let blocks = &own[i * nodes.len() * D * D..][..nodes.len() * D * D];
                     add_row::<D>(columns, nodes, &order, blocks, row);

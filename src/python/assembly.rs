@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use crate::assembly::cells::Cells;
 use crate::assembly::element::{Law, Reference};
 use crate::assembly::inspection::{self, Bodies, Rows};
-use crate::assembly::pattern::{Index, Pattern};
+use crate::assembly::pattern::{Index, Part, Pattern};
 use crate::assembly::stiffness::{self as core, Elastic};
 use crate::error::Error;
 use crate::python::arrays::{
@@ -42,9 +42,9 @@ enum Csr {
 type CsrOutput<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 impl Csr {
-    /// Narrow where the number of entries allows it.
+    /// Narrow where the numbers of entries and of columns allow it.
     fn new<const D: usize>(pattern: &Pattern, values: Vec<f64>) -> Self {
-        if i32::try_from(values.len()).is_ok() {
+        if i32::try_from(values.len().max(D * pattern.columns())).is_ok() {
             let (pointer, index) = pattern.csr::<D, i32>();
             Self::Narrow(pointer, index, values)
         } else {
@@ -75,10 +75,11 @@ impl Csr {
 
 /// `K` of a mesh of cells of one kind. `points` is `(d, nodes)`, `cells` `(c, cells)`, `slopes`
 /// `(q, d, c)`. A row of `laws` has λ and μ of a material, or all `d⁴` entries of its tensor.
-/// `material` is the row of each cell; without it all cells have the first.
+/// `material` is the row of each cell; without it all cells have the first. `part` has the nodes
+/// of the wanted rows, and the numbers of all nodes among the columns.
 #[pyfunction]
 #[pyo3(signature = (
-    points, cells, slopes, weights, thickness, laws, material=None, num_threads=None
+    points, cells, slopes, weights, thickness, laws, material=None, part=None, num_threads=None
 ))]
 pub(super) fn stiffness<'py>(
     py: Python<'py>,
@@ -89,6 +90,7 @@ pub(super) fn stiffness<'py>(
     thickness: f64,
     laws: Matrix<'py>,
     material: Option<Indices<'py>>,
+    part: Option<(Indices<'py>, Indices<'py>)>,
     num_threads: Option<usize>,
 ) -> PyResult<CsrOutput<'py>> {
     let shape = (points.as_array().nrows(), points.as_array().ncols());
@@ -106,6 +108,7 @@ pub(super) fn stiffness<'py>(
         laws: laws.as_slice()?,
         law: laws.as_array().ncols(),
         material,
+        part: read_part(part, shape.1)?,
     };
     let found = interrupt::run(py, num_threads, |stop| match shape.0 {
         2 => mesh.stiffness::<2>(stop),
@@ -125,6 +128,23 @@ struct Mesh<'a> {
     /// Number of entries of each law.
     law: usize,
     material: Vec<usize>,
+    part: Option<Part>,
+}
+
+fn read_part(part: Option<(Indices<'_>, Indices<'_>)>, nodes: usize) -> PyResult<Option<Part>> {
+    let Some((rows, numbers)) = part else {
+        return Ok(None);
+    };
+    let part = Part {
+        rows: arrays::indices(&rows, "rows of K")?,
+        numbers: arrays::indices(&numbers, "numbers of nodes")?,
+    };
+    arrays::length("numbers of nodes", part.numbers.len(), nodes)?;
+    let ends = part.rows.iter().skip(1).chain([&nodes]);
+    if let Some(row) = part.rows.iter().zip(ends).position(|(row, end)| row >= end) {
+        return Err(Error::SparseStructure { what: "K", row }.into());
+    }
+    Ok(Some(part))
 }
 
 impl Mesh<'_> {
@@ -145,37 +165,40 @@ impl Mesh<'_> {
             laws: &laws?,
             material: &self.material,
         };
-        let pattern = Pattern::new(&self.cells);
+        let pattern = Pattern::new(&self.cells, self.part.clone());
         let values = mesh.values(&pattern, stop)?;
         Ok(Csr::new::<D>(&pattern, values))
     }
 }
 
 /// Sums matrices of cells. `matrices` has for each cell the blocks of its nodes i, j with `d²`
-/// components k, l: `(cells, c² d²)`.
+/// components k, l: `(cells, c² d²)`. `part` as in `stiffness`.
 #[pyfunction]
-#[pyo3(signature = (cells, nodes, dim, matrices, num_threads=None))]
+#[pyo3(signature = (cells, nodes, dim, matrices, part=None, num_threads=None))]
 pub(super) fn sum_of_cells<'py>(
     py: Python<'py>,
     cells: CellNodes<'py>,
     nodes: usize,
     dim: usize,
     matrices: Matrix<'py>,
+    part: Option<(Indices<'py>, Indices<'py>)>,
     num_threads: Option<usize>,
 ) -> PyResult<CsrOutput<'py>> {
     fn sum<const D: usize>(
         cells: &Cells,
         matrices: &[f64],
+        part: Option<Part>,
         stop: &AtomicBool,
     ) -> Result<Csr, Error> {
-        let pattern = Pattern::new(cells);
+        let pattern = Pattern::new(cells, part);
         let values = core::sum_of_cells::<D>(cells, &pattern, matrices, stop)?;
         Ok(Csr::new::<D>(&pattern, values))
     }
+    let part = read_part(part, nodes)?;
     let (cells, matrices) = (cells.cells(nodes)?, matrices.as_slice()?);
     let found = interrupt::run(py, num_threads, |stop| match dim {
-        2 => sum::<2>(&cells, matrices, stop),
-        _ => sum::<3>(&cells, matrices, stop),
+        2 => sum::<2>(&cells, matrices, part, stop),
+        _ => sum::<3>(&cells, matrices, part, stop),
     })?;
     Ok(found.into_arrays(py))
 }
@@ -273,7 +296,7 @@ pub(super) fn diagonal<'py>(
         interrupt::run(py, num_threads, |_| {
             let n = k.pointer.len().saturating_sub(1);
             check_rows(&k, n, n)?;
-            Ok(inspection::diagonal(&k))
+            Ok(inspection::diagonal(&k, 0))
         })?
     });
     Ok(arrays::from_vec(py, diagonal))

@@ -3,7 +3,7 @@
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::assembly::inspection::{InspectedRows, Rows};
+use crate::assembly::inspection::{InspectedRows, Rows, diagonal};
 use crate::error::Error;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::nodes::Nodes;
@@ -40,8 +40,9 @@ impl PyStiffnessRows {
         })
     }
 
-    /// Adds the next rows, all of some nodes. `places` are coordinates as of `bodies`.
-    fn append(&mut self, py: Python<'_>, part: Csr<'_>, places: Matrix<'_>) -> PyResult<()> {
+    /// Adds the next rows, all of some nodes; whether their diagonal is positive. `places` are
+    /// coordinates as of `bodies`.
+    fn append(&mut self, py: Python<'_>, part: Csr<'_>, places: Matrix<'_>) -> PyResult<bool> {
         let places = arrays::rows::<3>(&places)?;
         let (first, n) = (self.inspected.count(), self.n);
         let (own, inspected) = (&mut self.rows, &mut self.inspected);
@@ -57,7 +58,7 @@ impl PyStiffnessRows {
             if let Some(own) = own {
                 own.append(end, |dof| k.row(dof - first));
             }
-            Ok(())
+            Ok(diagonal(&k, first).iter().all(|&value| value > 0.0))
         }))
     }
 

@@ -74,7 +74,7 @@ impl Mesh {
                 laws,
                 material,
             }
-            .values(&Pattern::new(&self.cells), &GO)
+            .values(&Pattern::new(&self.cells, None), &GO)
         })
     }
 }
@@ -112,7 +112,7 @@ fn dense(pattern: &Pattern, values: &[f64]) -> Vec<Vec<f64>> {
 fn rows_of_the_pattern_are_the_nodes_that_share_a_cell() {
     let mesh = Mesh::new(40, 0.0);
     for workers in [1, 2, 5] {
-        let pattern = with_threads(workers, || Pattern::new(&mesh.cells));
+        let pattern = with_threads(workers, || Pattern::new(&mesh.cells, None));
         let mut rows = vec![BTreeSet::<u32>::new(); mesh.cells.nodes()];
         for cell in 0..mesh.cells.count() {
             for &i in mesh.cells.of(cell) {
@@ -128,7 +128,7 @@ fn rows_of_the_pattern_are_the_nodes_that_share_a_cell() {
 #[test]
 fn a_node_of_no_cell_has_an_empty_row() {
     let cells = Cells::new(&[0_i32, 3, 1], 3, 5).unwrap();
-    let (pointer, index) = Pattern::new(&cells).csr::<2, i64>();
+    let (pointer, index) = Pattern::new(&cells, None).csr::<2, i64>();
     assert_eq!(pointer, [0, 6, 12, 18, 24, 24, 24, 30, 36, 36, 36]);
     assert_eq!(index[..6], [0, 1, 2, 3, 6, 7]);
 }
@@ -146,7 +146,7 @@ fn stiffness_of_one_triangle_by_hand() {
         laws: &[steel()],
         material: &[],
     };
-    let pattern = Pattern::new(&cells);
+    let pattern = Pattern::new(&cells, None);
     let rows = dense(&pattern, &mesh.values(&pattern, &GO).unwrap());
     // Node 1 moves along x: strain ε_xx = 1, so σ = diag(λ + 2μ, λ) = diag(3.5, 1.5), and node
     // i carries half of σ times its gradient. All numbers are short, hence exact up to √½.
@@ -164,7 +164,7 @@ fn stiffness_is_symmetric_and_has_the_same_bits_for_any_number_of_threads() {
         for workers in [2, 3, 7] {
             assert_eq!(one, mesh.values(&[steel()], &[], workers).unwrap());
         }
-        let pattern = Pattern::new(&mesh.cells);
+        let pattern = Pattern::new(&mesh.cells, None);
         let rows = dense(&pattern, &one);
         for (i, row) in rows.iter().enumerate() {
             for j in 0..i {
@@ -263,7 +263,7 @@ fn mistakes_are_named() {
             ..
         })
     ));
-    let pattern = Pattern::new(&mesh.cells);
+    let pattern = Pattern::new(&mesh.cells, None);
     let short = sum_of_cells::<2>(&mesh.cells, &pattern, &[0.0; 35], &GO);
     assert!(matches!(short, Err(Error::Shape { found: 35, .. })));
 }
@@ -278,7 +278,7 @@ fn it_can_be_interrupted() {
         laws: &[steel()],
         material: &[],
     }
-    .values(&Pattern::new(&mesh.cells), &AtomicBool::new(true));
+    .values(&Pattern::new(&mesh.cells, None), &AtomicBool::new(true));
     assert_eq!(found, Err(Error::Interrupted));
 }
 
@@ -380,7 +380,7 @@ fn any_number_of_threads_finds_the_same_bodies() {
         .collect();
     for workers in [1, 2, 5] {
         let (found, diagonal) = with_threads(workers, || {
-            (inspection::bodies(k, &places), inspection::diagonal(&k))
+            (inspection::bodies(k, &places), inspection::diagonal(&k, 0))
         });
         assert_eq!(found.body, expected);
         assert_eq!(diagonal, stiffness);

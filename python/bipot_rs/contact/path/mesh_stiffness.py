@@ -44,9 +44,8 @@ class MeshStiffness:
         x, side = scale_places(coordinates)
         rows, first = _core.StiffnessRows(coordinates, fixed, num_threads), 0
         for part in parts:
-            if not (part.diagonal(first) > 0).all():
+            if not rows.append(csr("K", part).parts, x):
                 return None
-            rows.append(csr("K", part).parts, x)
             first += part.shape[0]
         bodies = InspectedBodies(rows.bodies(x), side)
         return cls((first, first), rows, bodies, assemble)

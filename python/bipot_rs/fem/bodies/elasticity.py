@@ -50,20 +50,15 @@ def stiffness(body: Body, nodes: Ints | None = None) -> CsrMatrix:
         A cell is folded or flat; the message gives its index and position.
     """
     _, slopes, weights = body.kind.reference
-    points, corners, touching, near = body.mesh.p, body.cells, None, None
+    points, corners, touching, part = body.mesh.p, body.cells, None, None
     material = body.material_of_cells if len(body.materials) > 1 else None
     if nodes is not None:
         touching, near, corners = _around(body, nodes)
-        if not touching.size:
-            made: CsrMatrix = sparse.csr_array(
-                (body.dim * len(nodes), body.points.size)
-            )
-            return made
-        points = points[:, near]
+        points, part = points[:, near], (np.searchsorted(near, nodes), near)
         material = None if material is None else material[touching]
     try:
         values = (
-            _of_revolution(body, corners, len(points.T), touching)
+            _of_revolution(body, corners, len(points.T), touching, part)
             if (body.axisymmetric)
             else _core.stiffness(
                 np.ascontiguousarray(points, dtype=np.float64),
@@ -73,6 +68,7 @@ def stiffness(body: Body, nodes: Ints | None = None) -> CsrMatrix:
                 body.depth,
                 _laws(body),
                 material,
+                part,
             )
         )
     except ValueError as error:
@@ -82,14 +78,15 @@ def stiffness(body: Body, nodes: Ints | None = None) -> CsrMatrix:
         raise _describe_folded_cell(
             body, cell if touching is None else int(touching[cell])
         ) from None
-    made = _matrix(values, points.size)
-    if nodes is None or near is None:
-        return made
-    return _rows(made, body, nodes, near)
+    return _matrix(values, body.points.size)
 
 
 def _of_revolution(
-    body: Body, corners: Ints, nodes: int, touching: Ints | None
+    body: Body,
+    corners: Ints,
+    nodes: int,
+    touching: Ints | None,
+    part: tuple[Ints, Ints] | None,
 ) -> tuple[Integers, Integers, Floats]:
     """Stiffness of a body of revolution, ``∫ ε_i : C : ε_j 2 π r dA``.
 
@@ -104,8 +101,8 @@ def _of_revolution(
     count = phi.shape[0]
     values = np.empty((len(cells), count, count, 2, 2))
     for first in range(0, len(cells), _CELLS):
-        part = slice(first, first + _CELLS)
-        x = body.points[cells[part]]
+        some = slice(first, first + _CELLS)
+        x = body.points[cells[some]]
         inner, determinant = inverse(jacobian(x, slopes))
         folded = ~((determinant > 0).all(axis=0) | (determinant < 0).all(axis=0))
         if folded.any():
@@ -123,12 +120,16 @@ def _of_revolution(
             strain
             * (2 * np.pi * r * np.abs(determinant).T * weights)[:, None, None, None]
         )
-        stress = np.einsum("pst,piktq->piksq", laws[material[part]], strain)
+        stress = np.einsum("pst,piktq->piksq", laws[material[some]], strain)
         block = np.einsum("piksq,pjlsq->pijkl", weighted, stress)
         # A product of three may have another rounding in the mirrored entry.
-        values[part] = 0.5 * (block + block.transpose(0, 2, 1, 4, 3))
+        values[some] = 0.5 * (block + block.transpose(0, 2, 1, 4, 3))
     return _core.sum_of_cells(
-        np.ascontiguousarray(corners.T), nodes, 2, values.reshape(len(cells), -1)
+        np.ascontiguousarray(corners.T),
+        nodes,
+        2,
+        values.reshape(len(cells), (2 * count) ** 2),
+        part,
     )
 
 
@@ -141,21 +142,6 @@ def _around(body: Body, nodes: Ints) -> tuple[Ints, Ints, Ints]:
     near[cells[touching]] = True
     number = np.cumsum(near) - 1
     return touching, np.flatnonzero(near), number[cells[touching]]
-
-
-def _rows(part: CsrMatrix, body: Body, nodes: Ints, near: Ints) -> CsrMatrix:
-    """Rows of ``nodes`` from the stiffness of the nodes ``near``."""
-    dim = body.dim
-    column = dofs_of(near, dim).astype(part.indices.dtype)
-    rows_of_part = part[dofs_of(np.searchsorted(near, nodes), dim)]
-    shape = rows_of_part.shape[0], body.points.size
-    made: CsrMatrix = sparse.csr_array(
-        (rows_of_part.data, column[rows_of_part.indices], rows_of_part.indptr),
-        shape=shape,
-    )
-    # As in `_matrix`: the numbers of the nodes near ascend.
-    made.has_canonical_format = True
-    return made
 
 
 def dofs_of(nodes: Ints, dim: int) -> Ints:
@@ -193,7 +179,8 @@ def surface_stiffness(body: Body, points: Quadrature, density: Floats) -> CsrMat
 
 def _matrix(found: tuple[Integers, Integers, Floats], n: int) -> CsrMatrix:
     start, column, data = found
-    made: CsrMatrix = sparse.csr_array((data, column, start), shape=(n, n))
+    shape = len(start) - 1, n
+    made: CsrMatrix = sparse.csr_array((data, column, start), shape=shape)
     # Columns ascend by construction: SciPy need not look.
     made.has_canonical_format = True
     return made

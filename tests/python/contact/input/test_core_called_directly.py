@@ -184,6 +184,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     # One square, its slopes at the centre.
     square = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
     cell = np.arange(4).reshape(4, 1)
+    part = np.array([1, 3]), np.arange(4)
     slopes = np.array([[[-0.5, 0.5, 0.5, -0.5], [-0.5, -0.5, 0.5, 0.5]]])
     settings = [*limits, None, None, 1]
     return {
@@ -303,9 +304,9 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "stiffness": (
             lambda *a: _core.stiffness(*a, num_threads=1),
-            [square, cell, slopes, np.ones(1), 1.0, np.ones((1, 2)), None],
+            [square, cell, slopes, np.ones(1), 1.0, np.ones((1, 2)), None, part],
         ),
-        "sum_of_cells": (_core.sum_of_cells, [cell, 4, 2, np.ones((1, 64)), 1]),
+        "sum_of_cells": (_core.sum_of_cells, [cell, 4, 2, np.ones((1, 64)), part, 1]),
         "with_law": (within_law(condensed.with_law, 0), [MU]),
         "with_law, no law": (condensed.with_law, [LAW]),
         "with_gap": (condensed.with_gap, [GAP]),
