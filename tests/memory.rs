@@ -277,7 +277,7 @@ fn an_unknown_of_the_iterative_engine_takes_few_bytes() {
     assert!(held <= 400 * n, "{} bytes an unknown", held / n);
     assert!(most_of_k <= 600 * n, "{} bytes an unknown", most_of_k / n);
     let about = LevelNodes {
-        motions: motions_of_nodes(&body.coordinates, 3),
+        motions: motions_of_nodes(&body.coordinates, 3, None),
         coordinates: body.coordinates.clone(),
         bodies: Vec::new(),
     };

@@ -52,8 +52,9 @@ impl RigidMotion {
 
 /// Rigid motions of nodes with `b` coordinates each, `b × m` by rows for each node: `b`
 /// translations, then the rotations in the planes xy, yz, zx; `m` = 3 for `b` = 2 and 6 for
-/// `b` = 3. The centre is that of the box around the nodes, the reach its largest side.
-pub fn motions_of_nodes(coordinates: &[f64], b: usize) -> Vec<f64> {
+/// `b` = 3. The centre is that of the box around the nodes, the reach its largest side. With a
+/// choice, the motions of other nodes than the `wanted` ones are zero.
+pub fn motions_of_nodes(coordinates: &[f64], b: usize, wanted: Option<&[bool]>) -> Vec<f64> {
     assert!(b == 2 || b == 3, "bodies are in the plane or in space");
     assert_eq!(coordinates.len() % b, 0);
     let mut centre = [0.0; 3];
@@ -74,11 +75,14 @@ pub fn motions_of_nodes(coordinates: &[f64], b: usize) -> Vec<f64> {
     vectors
         .par_chunks_mut(NODES * b * m)
         .zip(coordinates.par_chunks(NODES * b))
-        .for_each(|(vectors, coordinates)| {
+        .enumerate()
+        .for_each(|(task, (vectors, coordinates))| {
             let nodes = vectors
                 .chunks_exact_mut(b * m)
                 .zip(coordinates.chunks_exact(b));
-            for (rows, at) in nodes {
+            let nodes = (task * NODES..).zip(nodes);
+            let read = |&(node, _): &(usize, _)| wanted.is_none_or(|wanted| wanted[node]);
+            for (_, (rows, at)) in nodes.filter(read) {
                 let mut arm = [0.0; 3];
                 for c in 0..b {
                     arm[c] = at[c] - centre[c];

@@ -63,7 +63,7 @@ pub fn solve(
         reached: size == 0.0,
     };
     let mut r = b.to_vec();
-    let mut z = vec![0.0; b.len()];
+    let (mut z, mut w) = (vec![0.0; b.len()], vec![0.0; b.len()]);
     while !found.reached && found.products < limits.most {
         let start = norm(&r);
         let left = limits.tol / found.residual;
@@ -75,10 +75,9 @@ pub fn solve(
             }
             precondition(&space.last, &mut z);
             let direction = rounded(&mut z);
-            let mut w = zeros(b.len());
             apply(&z, &mut w);
             found.products += 1;
-            let grows = space.extend(direction, w);
+            let grows = space.extend(direction, &mut w);
             found.residual = space.triangle.residual() / size;
             if !grows || found.residual <= goal.max(limits.tol) {
                 break;
@@ -134,17 +133,18 @@ impl Space {
         }
     }
 
-    /// Adds a direction and its product. Returns whether the space can grow further.
-    fn extend(&mut self, direction: Direction, mut w: Vec<f64>) -> bool {
+    /// Adds a direction and its product `w`, which is changed. Returns whether the space can grow
+    /// further.
+    fn extend(&mut self, direction: Direction, w: &mut Vec<f64>) -> bool {
         /// What is left of a vector below this part of it has lost digits to cancellation.
         const CANCELLED: f64 = 0.1;
-        let before = norm(&w);
+        let before = norm(w);
         let mut column = vec![0.0; self.basis.len()];
-        self.orthogonalise(&mut w, &mut column);
-        let mut length = norm(&w);
+        self.orthogonalise(w, &mut column);
+        let mut length = norm(w);
         if length < CANCELLED * before {
-            self.orthogonalise(&mut w, &mut column);
-            length = norm(&w);
+            self.orthogonalise(w, &mut column);
+            length = norm(w);
         }
         if !self.triangle.extend(column, length, f64::EPSILON * before) {
             return false;
@@ -152,9 +152,9 @@ impl Space {
         self.directions.push(direction);
         let grows = length > f64::EPSILON * before;
         if grows {
-            scale(&mut w, length);
-            self.basis.push(single(&w));
-            self.last = w;
+            scale(w, length);
+            self.basis.push(single(w));
+            std::mem::swap(&mut self.last, w);
         }
         grows
     }

@@ -114,7 +114,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             self.problem.hierarchy(&self.cycle, stop)?
         };
         following.update(
-            &self.problem.about_nodes(),
+            &self.problem.about_nodes(following.nodes_read()),
             &tangent.held,
             &tangent.springs(&self.problem.contacts.frames),
             stop,
@@ -169,7 +169,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             if joined.glued.is_none() {
                 joined.glued = Some(Multigrid::new(
                     known.matrix.with_rows(rows, &joined.held),
-                    known.about_nodes(joined.interface.bodies.clone()),
+                    known.about_nodes(joined.interface.bodies.clone(), None),
                     &joined.held,
                     // Whatever happened in this step: later ones use it too.
                     &CycleSettings::default(),
@@ -183,7 +183,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             }
             self.multigrid = Some(Multigrid::new(
                 matrix,
-                self.problem.about_nodes(),
+                self.problem.about_nodes(None),
                 &tangent.held,
                 &self.cycle,
                 stop,

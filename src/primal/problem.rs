@@ -93,13 +93,17 @@ impl Stiffness {
         }
     }
 
-    /// What multigrid wants to know of the nodes.
-    pub(super) fn about_nodes(&self, bodies: Vec<u32>) -> amg::nodes::LevelNodes {
+    /// What multigrid wants to know of the nodes; the motions of `wanted` ones, or of all.
+    pub(super) fn about_nodes(
+        &self,
+        bodies: Vec<u32>,
+        wanted: Option<&[bool]>,
+    ) -> amg::nodes::LevelNodes {
         let coordinates = self.nodes.coordinates.clone().unwrap_or_default();
         amg::nodes::LevelNodes {
             motions: match &self.motions {
                 Some(motions) => motions.clone(),
-                None => motions_of_nodes(&coordinates, self.matrix.block_size()),
+                None => motions_of_nodes(&coordinates, self.matrix.block_size(), wanted),
             },
             coordinates,
             bodies,
@@ -168,7 +172,7 @@ impl<const D: usize> Primal<D> {
         let bodies = stiffness.matrix.connected();
         if let Some(at) = &stiffness.nodes.coordinates {
             let motions = Motions {
-                values: &motions_of_nodes(at, D),
+                values: &motions_of_nodes(at, D, None),
                 bodies: &bodies,
             };
             stiffness.supports = supports::check::<D>(&stiffness, &contact, motions, has_copies)?;
@@ -374,11 +378,11 @@ impl<const D: usize> Primal<D> {
         zero_where(&self.stiffness.free, false, values);
     }
 
-    /// The nodes, with their motions in the variables of the contacts.
-    pub(super) fn about_nodes(&self) -> amg::nodes::LevelNodes {
+    /// The nodes, with the motions of `wanted` ones, or of all, in the variables of the contacts.
+    pub(super) fn about_nodes(&self, wanted: Option<&[bool]>) -> amg::nodes::LevelNodes {
         let bodies = self.interface.as_ref();
         let bodies = bodies.map_or(Vec::new(), |interface| interface.bodies.clone());
-        let mut about = self.stiffness.about_nodes(bodies);
+        let mut about = self.stiffness.about_nodes(bodies, wanted);
         let motions = &mut about.motions;
         let m = motions.len() / self.stiffness.free.len().max(1);
         for frame in &self.contacts.frames.list {
@@ -408,7 +412,7 @@ impl<const D: usize> Primal<D> {
         let matrix = SingleRows::new(&self.stiffness.matrix, blocks);
         let nodes = self.contacts.frames.with_node();
         let nodes = nodes.map(|(_, frame)| narrow(frame.node)).collect();
-        Following::new(&matrix, &self.about_nodes(), nodes, settings, stop)
+        Following::new(&matrix, &self.about_nodes(None), nodes, settings, stop)
     }
 
     /// Whether supports, springs and contacts hold every rigid motion at a point: a contact that
@@ -444,7 +448,7 @@ impl<const D: usize> Primal<D> {
             }
         }
         let motions = Motions {
-            values: &motions_of_nodes(at, D),
+            values: &motions_of_nodes(at, D, None),
             bodies: &known.matrix.connected(),
         };
         loose.are_held_by(&rows, &known.nodes, motions)

@@ -35,7 +35,7 @@ fn single(matrix: &SymmetricBlocks) -> BlockMatrix {
 
 fn about(body: &Assembled) -> LevelNodes {
     LevelNodes {
-        motions: motions_of_nodes(&body.coordinates, body.dim),
+        motions: motions_of_nodes(&body.coordinates, body.dim, None),
         coordinates: body.coordinates.clone(),
         bodies: Vec::new(),
     }

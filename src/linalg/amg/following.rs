@@ -5,6 +5,7 @@
 //! aggregates about them. All else keeps its bits, and what is computed anew has the bits of a
 //! set-up from the start. Coarser levels are small: they are made again.
 
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
@@ -56,6 +57,8 @@ struct Kept {
     coarse: BlockMatrix,
     /// The rows of the matrix that a change needs, in single precision.
     near: BlockMatrix,
+    /// The nodes whose motions a change reads.
+    read: Vec<bool>,
 }
 
 impl Following {
@@ -88,6 +91,7 @@ impl Following {
                 tentative,
                 coarse,
                 near,
+                read: reached.read,
             }))
         };
         Ok(Self {
@@ -102,7 +106,9 @@ impl Following {
     }
 
     /// Follows to `held` unknowns and to a spring at each of the nodes that may change, `b × b`
-    /// by columns; `about` is that of [`Following::new`], too large to be kept. The bits do not depend on what was before. After an error this cannot be used.
+    /// by columns; `about` is that of [`Following::new`], too large to be kept, with the motions of
+    /// [`Following::nodes_read`] at least. The bits do not depend on what was before. After an error
+    /// this cannot be used.
     pub fn update(
         &mut self,
         about: &LevelNodes,
@@ -140,7 +146,7 @@ impl Following {
         match &mut self.finest {
             Finest::Small(matrix) => {
                 write(matrix);
-                let made = Levels::new(matrix, about.clone(), stop)?;
+                let made = Levels::new(Cow::Borrowed(matrix), about.clone(), None, stop)?;
                 self.multigrid.replace(made.list, made.coarsest);
             }
             Finest::Large(kept) => {
@@ -154,7 +160,7 @@ impl Following {
                 kept.follow(finest, &nodes, about, &self.held, stop)?;
                 kept.coarse.replace_dead(&kept.tentative.dead);
                 let next = kept.aggregates.coarse(about, kept.tentative.coarse.clone());
-                let below = Levels::new(&kept.coarse, next, stop)?;
+                let below = Levels::new(Cow::Borrowed(&kept.coarse), next, None, stop)?;
                 kept.coarse.clear_dead(&kept.tentative.dead);
                 levels.extend(below.list);
                 self.multigrid.replace(levels, below.coarsest);
@@ -162,6 +168,14 @@ impl Following {
         }
         self.ready = true;
         Ok(())
+    }
+
+    /// The nodes whose motions an update reads; `None` if it may be all.
+    pub fn nodes_read(&self) -> Option<&[bool]> {
+        match &self.finest {
+            Finest::Small(_) => None,
+            Finest::Large(kept) => Some(&kept.read),
+        }
     }
 
     /// `x ≈ A⁻¹ b`, as [`Multigrid::apply`], with a smoother of this degree.
@@ -176,7 +190,7 @@ impl Following {
             Finest::Small(matrix) => matrix.bytes(),
             Finest::Large(kept) => {
                 let matrices = kept.coarse.bytes() + kept.near.bytes();
-                matrices + kept.tentative.bytes() + kept.aggregates.bytes()
+                matrices + kept.tentative.bytes() + kept.aggregates.bytes() + kept.read.len()
             }
         };
         self.multigrid.bytes() + self.rows.bytes() + 8 * self.springs.len() + finest
@@ -237,6 +251,8 @@ struct Reach {
     aggregates: Vec<u32>,
     /// Rows of `P` that change: of nodes beside a changed row of `T` or of `A`.
     rows: Vec<bool>,
+    /// The nodes beside these, too: those whose motions they are made of.
+    read: Vec<bool>,
     /// Coarse nodes whose rows change: those of the rows of `A P` of nodes beside these.
     coarse: Vec<bool>,
 }
@@ -280,6 +296,7 @@ fn reach(
         changed,
         aggregates: which,
         rows,
+        read: reached.is,
         coarse,
     }
 }

@@ -118,21 +118,25 @@ pub(super) struct Levels {
 }
 
 impl Levels {
-    /// Makes levels until a dense factor is small.
+    /// Makes levels until a dense factor is small; `spectrum` is that of the finest, if it is known.
     pub(super) fn new(
-        finest: &BlockMatrix,
+        finest: Cow<'_, BlockMatrix>,
         mut about: LevelNodes,
+        mut spectrum: Option<f64>,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let mut list = Vec::new();
-        let mut matrix = Cow::Borrowed(finest);
+        let mut matrix = finest;
         while matrix.b * matrix.nodes() > tuning::dense_unknowns() && list.len() < MOST_LEVELS {
-            let held = vec![false; matrix.b * matrix.nodes()];
             let own = LevelMatrix::Whole(&matrix);
-            let made = level(own, &about, &held, None, stop)?;
-            let (level, aggregates, tentative, coarse) = made.level(ScaledBlocks::new(own));
+            let made = level(own, &about, &matrix.held, spectrum.take(), stop)?;
+            let scaled = match matrix {
+                Cow::Borrowed(matrix) => ScaledBlocks::new(LevelMatrix::Whole(matrix)),
+                Cow::Owned(matrix) => ScaledBlocks::replace(matrix),
+            };
+            let (level, aggregates, tentative, mut coarse) = made.level(scaled);
+            coarse.replace_dead(&tentative.dead);
             matrix = Cow::Owned(coarse);
-            matrix.to_mut().replace_dead(&tentative.dead);
             about = aggregates.coarse(&about, tentative.coarse);
             list.push(level);
         }

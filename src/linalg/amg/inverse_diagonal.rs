@@ -14,11 +14,9 @@ pub(super) fn inverse_diagonal(matrix: LevelMatrix<'_>) -> Option<Vec<f32>> {
     let valid = tasks::map(inverse.chunks_mut(ROWS * b * b), |task, part| {
         let mut valid = true;
         let rows = task * ROWS..task * ROWS + part.len() / (b * b);
-        let (values, first) = matrix.load(rows.clone());
-        for (i, inverse) in rows.zip(part.chunks_exact_mut(b * b)) {
-            let left = matrix.columns(i).partition_point(|&j| (j as usize) < i);
-            let at = (matrix.row(i).start + left - first) * b * b;
-            valid &= invert_node(&values[at..at + b * b], inverse);
+        let blocks = matrix.load_diagonal(rows);
+        for (block, inverse) in blocks.chunks_exact(b * b).zip(part.chunks_exact_mut(b * b)) {
+            valid &= invert_node(block, inverse);
         }
         valid
     });

@@ -1,18 +1,16 @@
 //! The multigrid preconditioner: its levels and their use.
 
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::cycle::{CycleMemory, visit};
-use crate::linalg::amg::hierarchy::{Levels, level};
+use crate::linalg::amg::hierarchy::Levels;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
-use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::settings::CycleSettings;
-use crate::linalg::amg::single_rows::LevelMatrix;
-use crate::linalg::amg::tuning;
 use crate::linalg::parallel::{largest, map2};
 use crate::linalg::power_of_two::{exponent, factors};
 use crate::linalg::real::Real;
@@ -43,36 +41,18 @@ impl Multigrid {
     /// Builds all levels. The motions of `about` count as zero at `held` unknowns, which must be
     /// held in the matrix too.
     pub fn new(
-        matrix: BlockMatrix,
+        mut matrix: BlockMatrix,
         about: LevelNodes,
         held: &[bool],
         settings: &CycleSettings,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         check_lengths(matrix.b, matrix.nodes(), &about, held);
-        let n = held.len();
-        let exponent = matrix.exponent;
-        let all: Vec<bool> = held.iter().zip(&matrix.held).map(|(a, b)| a | b).collect();
-        let made = if n <= tuning::dense_unknowns() {
-            Levels::new(&matrix, about, stop)?
-        } else {
-            let made = level(
-                LevelMatrix::Whole(&matrix),
-                &about,
-                &all,
-                settings.spectrum,
-                stop,
-            )?;
-            let (level, aggregates, tentative, mut coarse) =
-                made.level(ScaledBlocks::replace(matrix));
-            coarse.replace_dead(&tentative.dead);
-            let next = aggregates.coarse(&about, tentative.coarse);
-            drop((about, aggregates));
-            let mut below = Levels::new(&coarse, next, stop)?;
-            below.list.insert(0, level);
-            below
-        };
-        let mut whole = Self::empty(n, exponent, settings);
+        for (known, &new) in matrix.held.iter_mut().zip(held) {
+            *known |= new;
+        }
+        let mut whole = Self::empty(held.len(), matrix.exponent, settings);
+        let made = Levels::new(Cow::Owned(matrix), about, settings.spectrum, stop)?;
         whole.replace(made.list, made.coarsest);
         Ok(whole)
     }

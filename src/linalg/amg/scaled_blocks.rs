@@ -148,18 +148,24 @@ pub fn two_to(exponent: i32) -> f32 {
 
 /// Writes a block, and returns its exponent.
 pub fn write(from: &[f32], to: &mut [i16]) -> i8 {
+    // Magnitudes have the order of their bits, and whole numbers are compared side by side.
+    let bits = |value: f32| value.to_bits().cast_signed();
     let largest = from
         .iter()
-        .fold(0.0_f32, |most, value| most.max(value.abs()));
-    let of_largest = (largest.to_bits() >> SIGNIFICAND).cast_signed() - BIAS;
+        .fold(0, |most: i32, &value| most.max(bits(value.abs())));
+    let of_largest = (largest >> SIGNIFICAND) - BIAS;
     // A block below the range becomes zero: the matrix is scaled to numbers about one.
     let exponent = (of_largest + 1 - BITS).clamp(1 - BIAS, BIAS - 1);
     let factor = two_to(-exponent);
     for (to, from) in to.iter_mut().zip(from) {
-        // The sum has no digits for a fraction: it rounds. Half a unit above the largest number,
-        // the conversion takes this number.
-        #[expect(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
-        let value = (from * factor + WHOLE - WHOLE) as i16;
+        // The sum has no digits for a fraction: it rounds, and its last digits are the number. Half
+        // a unit above the largest number, this is taken.
+        let value = bits(from * factor + WHOLE) - bits(WHOLE);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "no larger than the largest"
+        )]
+        let value = value.min(i32::from(i16::MAX)) as i16;
         *to = value;
     }
     #[expect(clippy::cast_possible_truncation, reason = "it is within the range")]

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, fill_diagonal};
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::spectrum::bound;
-use crate::linalg::amg::symmetric_blocks::SymmetricBlocks;
+use crate::linalg::amg::symmetric_blocks::{StoredBlock, SymmetricBlocks};
 use crate::linalg::parallel::map2;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::real::Real as _;
@@ -67,61 +67,81 @@ impl<'a> SingleRows<'a> {
     /// The values of some rows, each block by columns, then padding. With `hold`, unknowns without a
     /// degree of freedom have the rows and columns of the diagonal at nodes that change.
     pub(super) fn load(&self, rows: Range<usize>, hold: bool) -> Vec<f32> {
-        let (b, start) = (self.matrix.block_size(), &self.matrix.pattern().0);
-        let blocks = (start[rows.end] - start[rows.start]) as usize;
-        let mut values = Vec::with_capacity(blocks * b * b + PADDING);
+        let start = &self.matrix.pattern().0;
+        let count = start[rows.end] - start[rows.start];
+        let row = |i| {
+            self.matrix
+                .row(i)
+                .map(move |(j, block)| (i, j as usize, block))
+        };
+        self.write(count as usize, hold, rows.flat_map(row))
+    }
+
+    fn write<'b>(
+        &self,
+        count: usize,
+        hold: bool,
+        blocks: impl Iterator<Item = (usize, usize, StoredBlock<'b>)>,
+    ) -> Vec<f32> {
+        match self.matrix.block_size() {
+            2 => self.write_of::<2>(count, hold, blocks),
+            _ => self.write_of::<3>(count, hold, blocks),
+        }
+    }
+
+    fn write_of<'b, const B: usize>(
+        &self,
+        count: usize,
+        hold: bool,
+        blocks: impl Iterator<Item = (usize, usize, StoredBlock<'b>)>,
+    ) -> Vec<f32> {
+        let mut values = vec![0.0; count * B * B + PADDING];
         let held = self.matrix.held();
-        for i in rows {
-            for (j, block) in self.matrix.row(i) {
-                let (at, j) = (values.len(), j as usize);
-                block.for_each(b, |_, _, value| {
-                    values.push(f32::rounded(value * self.factor));
-                });
-                let block = &mut values[at..];
-                if self.which[i] == ABSENT && self.which[j] == ABSENT {
-                    continue;
-                }
-                self.transform(i, j, block);
-                if i == j {
-                    // A variable without an unknown has lost its diagonal.
-                    fill_diagonal(block, b);
-                }
-                for (at, value) in block.iter_mut().enumerate() {
-                    let (c, r) = (at / b, at % b);
-                    if hold && (held[b * i + r] || held[b * j + c]) && !(i == j && r == c) {
-                        *value = 0.0;
-                    }
+        let to = values.chunks_exact_mut(B * B);
+        blocks.zip(to).for_each(|((i, j, block), to)| {
+            block.write_single::<B>(self.factor, to);
+            if self.which[i] == ABSENT && self.which[j] == ABSENT {
+                return;
+            }
+            self.transform::<B>(i, j, to);
+            if i == j {
+                // A variable without an unknown has lost its diagonal.
+                fill_diagonal(to, B);
+            }
+            for (at, value) in to.iter_mut().enumerate() {
+                let (c, r) = (at / B, at % B);
+                if hold && (held[B * i + r] || held[B * j + c]) && !(i == j && r == c) {
+                    *value = 0.0;
                 }
             }
-        }
-        values.resize(values.len() + PADDING, 0.0);
+        });
         values
     }
 
     /// `T_iᵀ A_ij T_j`. Of two mirror images, which may differ by rounding if both nodes change,
     /// both rows take that of the lower one.
-    fn transform(&self, i: usize, j: usize, block: &mut [f32]) {
-        let (b, (left, right)) = (self.matrix.block_size(), (self.change(i), self.change(j)));
+    fn transform<const B: usize>(&self, i: usize, j: usize, block: &mut [f32]) {
+        let (left, right) = (self.change(i), self.change(j));
         let transpose = |block: &mut [f32]| {
-            for c in 0..b {
+            for c in 0..B {
                 for r in 0..c {
-                    block.swap(c * b + r, r * b + c);
+                    block.swap(c * B + r, r * B + c);
                 }
             }
         };
         let mut old = [0.0; 9];
-        let old = &mut old[..b * b];
+        let (old, block) = (&mut old[..B * B], &mut block[..B * B]);
         let mut multiply = |block: &mut [f32], left: Option<&[f32]>, right: Option<&[f32]>| {
             if let Some(left) = left {
                 old.copy_from_slice(block);
-                for (c, r) in (0..b * b).map(|at| (at / b, at % b)) {
-                    block[c * b + r] = (0..b).map(|l| left[r * b + l] * old[c * b + l]).sum();
+                for (c, r) in (0..B * B).map(|at| (at / B, at % B)) {
+                    block[c * B + r] = (0..B).map(|l| left[r * B + l] * old[c * B + l]).sum();
                 }
             }
             if let Some(right) = right {
                 old.copy_from_slice(block);
-                for (c, r) in (0..b * b).map(|at| (at / b, at % b)) {
-                    block[c * b + r] = (0..b).map(|l| old[l * b + r] * right[c * b + l]).sum();
+                for (c, r) in (0..B * B).map(|at| (at / B, at % B)) {
+                    block[c * B + r] = (0..B).map(|l| old[l * B + r] * right[c * B + l]).sum();
                 }
             }
         };
@@ -254,6 +274,20 @@ impl LevelMatrix<'_> {
             Self::Made(made) => {
                 let first = self.row(rows.start).start;
                 (Cow::Owned(made.load(rows, true)), first)
+            }
+        }
+    }
+
+    /// The diagonal blocks of some rows.
+    pub(super) fn load_diagonal(&self, rows: Range<usize>) -> Vec<f32> {
+        match self {
+            Self::Whole(matrix) => rows
+                .flat_map(|i| matrix.diagonal_block(i))
+                .copied()
+                .collect(),
+            Self::Made(made) => {
+                let block = |i| StoredBlock::new(made.matrix.diagonal_block(i), self.b(), false);
+                made.write(rows.len(), true, rows.map(|i| (i, i, block(i))))
             }
         }
     }

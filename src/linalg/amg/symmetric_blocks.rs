@@ -74,6 +74,21 @@ impl<'a> StoredBlock<'a> {
         self.values[row * self.strides[0] + column * self.strides[1]]
     }
 
+    /// Writes `factor` times the block in single precision, by columns.
+    #[inline(always)]
+    pub(super) fn write_single<const B: usize>(self, factor: f64, to: &mut [f32]) {
+        let (from, to) = (&self.values[..B * B], &mut to[..B * B]);
+        if self.strides[0] == 1 {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = f32::rounded(from * factor);
+            }
+        } else {
+            for (at, to) in to.iter_mut().enumerate() {
+                *to = f32::rounded(from[at % B * B + at / B] * factor);
+            }
+        }
+    }
+
     /// Calls `visit` with the row, the column and the value of each entry, by columns.
     #[inline(always)]
     pub(super) fn for_each(self, b: usize, mut visit: impl FnMut(usize, usize, f64)) {
@@ -418,7 +433,7 @@ pub struct UpperBlocks {
     /// Start of each row that is known in `column`.
     start: Vec<u32>,
     column: Vec<u32>,
-    /// Each block by columns.
+    /// Each block by columns, then zeros.
     values: Vec<f64>,
 }
 
@@ -498,10 +513,13 @@ impl UpperBlocks {
             self.column.extend(columns);
         }
         let (start, column, size) = (&self.start, &self.column, b * b);
+        let known = column.len() * size + PADDING;
         if before == 0 {
-            self.values = zeros(column.len() * size + PADDING);
-        } else {
-            self.values.resize(column.len() * size, 0.0);
+            // Of all rows, if the others are as long: memory that is not touched costs nothing.
+            self.values = zeros(known * (dof.len() / b) / end.max(1));
+        }
+        if self.values.len() < known {
+            self.values.resize(known, 0.0);
         }
         let own = |i: usize| (start[first + i] as usize - before) * size;
         let parts = cut(&mut self.values[before * size..], end - first, own);
