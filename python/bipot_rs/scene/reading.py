@@ -74,7 +74,11 @@ def check(
         scene = _validate(table, formulas)
     except ValidationError as error:
         keys, values = standing(Scene, table), formulas.values
-        errors = [e for e in error.errors() if not formulas.follows(e)]
+        every = error.errors()
+        # Names in a circle follow from each other.
+        errors = [e for e in every if not formulas.follows(e)] or [
+            e for e in every if e["loc"][0] in ("parameter", "mesh")
+        ]
         mistakes_found += [describe_error(e, keys, table, values) for e in errors]
         mistakes_found += _check_settings(table)
         raise SceneError(name, mistakes_found) from None

@@ -158,6 +158,11 @@ def test_formulas_stand_for_their_numbers() -> None:
         ("path.steps", "N/3", "path.steps: should be a valid integer, got 2.66"),
         ("contact.0.mu", "-mu", "contact.0.mu: should be greater than or equal to 0"),
         ("parameter.half", "later/2", "parameter.half: should be a valid number, got"),
+        (
+            "parameter.half",
+            "half/2",
+            "parameter.half: should be a valid number, got 'half/2': 'half' has no value",
+        ),
         ("parameter.G", 1.0, "parameter.G: there is no parameter 'G', expected one of"),
         (
             "parameter",

@@ -302,7 +302,7 @@ class Body:
             )
         if not parts:
             low, high = (
-                place(end(whole.places, axis=(1, 2))) for end in (np.min, np.max)
+                place(end(self.points[facets], axis=(0, 1))) for end in (np.min, np.max)
             )
             raise ValueError(
                 f"surface {name!r} of body {self.name!r} has no part within the ranges: it "

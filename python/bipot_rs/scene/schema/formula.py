@@ -57,6 +57,8 @@ def _evaluate(node: ast.AST, values: Mapping[str, float]) -> float:
         case ast.Constant(value=int() | float() as number) if type(number) is not bool:
             return float(number)
         case ast.Name(id=name) if name in values:
+            if math.isnan(values[name]):
+                raise ValueError(f"{name!r} has no value yet")
             return float(values[name])
         case ast.Name(id=name):
             hint = "define it in [parameter]"

@@ -84,4 +84,6 @@ def describe_error(
             evaluate(value, values)
         except ValueError as reason:
             message += f": {reason}"
+        if parts[0] == "parameter":
+            message += "; a parameter may use those before it"
     return Mistake(key, message, kind)
