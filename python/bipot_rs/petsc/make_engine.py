@@ -51,6 +51,8 @@ class Arguments(NamedTuple):
     fixed: Ints  # all prescribed degrees of freedom, in the order of the caller
     coordinates: Floats | None  # (own rows, d) or None: of the own degrees of freedom
     gather: int  # number of unknowns up to which the first rank factors all of K
+    # (own rows, m) or None: rigid motions, if ties or reference points have others than points.
+    motions: Floats | None = None
 
 
 class _Places(NamedTuple):
@@ -88,7 +90,9 @@ def make_engine(
     prescribed[fixed] = True
     free = bring(np.where(prescribed, 0.0, 1.0)) > 0
     of_node, count = find_bodies(comm, rows, local, free, d, bring)
-    motions = rigid_motions(comm, library.MPI, given.coordinates, rows.count, d)
+    motions = given.motions
+    if motions is None:
+        motions = rigid_motions(comm, library.MPI, given.coordinates, rows.count, d)
     bodies = Bodies(of_node, count, motions, prescribed)
     holding = hold_by_prescribed(rows, local, bodies, bring, d)
     supported = find_supported(comm, count, holding)
@@ -229,13 +233,19 @@ def _copy_sides(
         (operator.data, dofs[operator.indices], operator.indptr),
         shape=(operator.shape[0], total),
     )
-    coordinates = given.coordinates
+    coordinates, motions = given.coordinates, given.motions
+    if motions is not None:
+        at = interface.gather_own(motions[interface.rows])
+        at = np.column_stack([springs.spread(column) for column in at.T])
+        motions = np.concatenate([motions, at[size:] if last else at[:0]])
     if coordinates is not None:
         at = interface.gather_own(coordinates[interface.rows])
         at = np.asarray(springs.place_coordinates(at))
         coordinates = np.concatenate([coordinates, at[size:] if last else at[:0]])
     changed = given._replace(
-        contacts=replace(given.contacts, operator=csr("B", B)), coordinates=coordinates
+        contacts=replace(given.contacts, operator=csr("B", B)),
+        coordinates=coordinates,
+        motions=motions,
     )
     return matrix, changed, library, Copies(springs, K, interface, all_places)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import cast
 
@@ -12,9 +13,11 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import (
+    Bools,
     Communicator,
     CsrMatrix,
     Floats,
+    Ints,
     MatrixLike,
     PetscMat,
     PetscVec,
@@ -41,12 +44,13 @@ from bipot_rs.contact.path.step_control import (
     solve_adaptively,
 )
 from bipot_rs.contact.results import summary
+from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.solution import Step as WholeStep
 from bipot_rs.contact.results.state import Start
 from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.petsc.agreement import check_same, do_together
 from bipot_rs.petsc.derivatives import DistributedDerivatives
-from bipot_rs.petsc.engine import NO_FRAMES
+from bipot_rs.petsc.engine import NO_FRAMES, PetscEngine
 from bipot_rs.petsc.library import Library, load
 from bipot_rs.petsc.make_engine import Arguments, make_engine
 from bipot_rs.petsc.result import Result
@@ -112,6 +116,8 @@ class ContactProblem:
         cohesion: ArrayLike | None = None,
         dilatancy: ArrayLike | None = None,
         gather: int = 0,
+        _motions: Floats | None = None,
+        _latches: tuple[Ints, Floats] | None = None,
     ) -> None:
         began = time.perf_counter()
         library = load()
@@ -144,6 +150,7 @@ class ContactProblem:
                 indices("fixed", fixed, n),
                 _check_coordinates(coordinates, K, contacts.d),
                 integer("gather", gather, least=0),
+                _motions,
             )
 
         arguments = do_together(self.comm, check)
@@ -165,11 +172,29 @@ class ContactProblem:
             )
         self._own_contact = contacts.operator.matrix[:, slice(*K.getOwnershipRange())]
         self._engine = make_engine(K, arguments, library)
+        latches = None
+        if _latches is not None:
+            rows = _gather_rows(K, _latches[0] + 1, self.comm)
+            whole_vector = partial(_gather_vector, comm=self.comm)
+            latches = Latches(*_latches, arguments.fixed, rows, whole_vector)
+        self._engines = {b"": self._engine}
+
+        def set_free(free: Bools) -> PetscEngine:
+            """The engine for a set of free latches; all of them count in one record."""
+            key = free.tobytes() if free.any() else b""
+            if latches is not None and key not in self._engines:
+                fixed = np.delete(arguments.fixed, latches.at[free])
+                made = make_engine(K, arguments._replace(fixed=fixed), library)
+                self._engines[key] = replace(made, record=self._engine.record)
+            self._engine = self._engines[key]
+            return self._engine
+
         # Vecs pass through the load path as arrays do: it only hands them on.
         self._loading = Loading(
             K.getSize()[0],
             len(arguments.fixed),
             contacts,
+            latches=latches,
             read_forces=self._read_loads,  # type: ignore[arg-type]
         )
         remarks = examine_arrays(
@@ -180,6 +205,8 @@ class ContactProblem:
             remarks,
             time.perf_counter() - began,
             make_result=partial(Result, comm=self.comm),
+            latches=latches,
+            engine_of=set_free,
         )
 
     def __repr__(self) -> str:
@@ -345,6 +372,7 @@ class ContactProblem:
             self._engine.fixed,
             self._loading.contacts.gap.shape,
             self._loading.are_by_component(gap),
+            latches=self._loading.latches,
         )
         derivatives = DistributedDerivatives(self._engine, model, self._read_vectors)
         return PathSolver(self._engine, self._path_problem, checked, start, derivatives)
@@ -410,6 +438,25 @@ def _gather_contact_operator(B: object, library: Library, comm: Communicator) ->
     parts = comm.allgather(csr_array((values, column, pointer), shape=shape))
     whole: CsrMatrix = vstack(parts).tocsr()
     return whole
+
+
+def _gather_rows(K: PetscMat, rows: Ints, comm: Communicator) -> CsrMatrix:
+    """Some rows of K on every rank."""
+    from scipy.sparse import csr_array, vstack
+
+    (first, last), n = K.getOwnershipRange(), K.getSize()[0]
+    ours: dict[int, CsrMatrix] = {}
+    for row in rows[(rows >= first) & (rows < last)].tolist():
+        column, values = K.getRow(row)
+        ours[row] = csr_array((values, column, [0, len(column)]), shape=(1, n))
+    known = {row: it for part in comm.allgather(ours) for row, it in part.items()}
+    whole: CsrMatrix = vstack([known[row] for row in rows.tolist()]).tocsr()
+    return whole
+
+
+def _gather_vector(vector: PetscVec, comm: Communicator) -> Floats:
+    """A Vec as an array on every rank."""
+    return np.concatenate(comm.allgather(vector.array_r))
 
 
 def _check_coordinates(value: ArrayLike | None, K: PetscMat, d: int) -> Floats | None:

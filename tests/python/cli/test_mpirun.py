@@ -161,6 +161,28 @@ SCENES = {
     + ON_A_PLANE.replace("bottom", "left").replace(
         "[0.0, 0.0, 1.0]", "[1.0, 0.0, 0.0]"
     ),
+    # In step 2 the second bolt pulls at the first, whose shortening is locked.
+    "bolts": BOX.format(cell="hexahedron", order=1)
+    + ON_A_PLANE.replace("bottom", "right").replace(
+        "[0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0]",
+        "[4.0, 0.0, 0.0], normal = [1.0, 0.0, 0.0]",
+    )
+    + '[[support]]\non = "block.left"\nx = 0.0\ny = 0.0\nz = 0.0\n'
+    + "".join(
+        f'[[bolt]]\nname = "{name}"\nsection = "block"\nforce = {force}\n'
+        f"step = [{step}, {step}]\n"
+        f"plane = {{ point = [{x}, 0.0, 0.0], normal = [1.0, 0.0, 0.0] }}\n"
+        for name, x, force, step in (("a", 1.0, 400.0, 1), ("b", 3.0, 300.0, 2))
+    )
+    + '[[traction]]\non = "block.top"\ny = { value = 4.0, amplitude = "shear" }\n'
+    + '[path]\nparameter = "shear"\n[path.amplitude]\nshear = [0.0, 0.0, 0.5, 1.0]\n',
+    "remote point": BOX.format(cell="hexahedron", order=1)
+    + SHEARED.replace("[[support]]\non", "[remote.top]\non").replace(
+        'x = { value = 0.002, amplitude = "shear" }\ny = 0.0\nz = -0.001\n',
+        'move.x = { value = 0.002, amplitude = "shear" }\nmove.y = 0.0\nturn.x = 0.0\n'
+        "force.z = -600.0\n",
+    )
+    + ON_A_PLANE,
     "adaptive": BOX.format(cell="hexahedron", order=1)
     + SHEARED.replace(
         'parameter = "shear"', 'parameter = "shear"\nautomatic = {slip=4e-4}'
@@ -193,6 +215,14 @@ def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> No
     for array in arrays:
         assert changed(getattr(several, array), getattr(single, array)) <= CLOSE, array
     assert several.success
+    if name == "bolts":
+        for array in ("bolt_force", "shortening"):
+            ours, theirs = (
+                np.array([getattr(step, array) for step in it])
+                for it in (several, single)
+            )
+            assert changed(ours, theirs) <= CLOSE, array
+        assert several[1].bolt_force == pytest.approx([300.0, 300.0])
     for key, value in single.contacts.items():
         if value is None or value.dtype.kind != "f":
             np.testing.assert_array_equal(several.contacts[key], value)
@@ -206,8 +236,9 @@ def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> No
         ("two_blocks", ("--set", "mesh.n=4")),
         ("two_blocks", ("--set", "mesh.n=4", "--set", "contact.0.pairing=mortar")),
         ("raous_plate", ("--set", "mesh.n=8")),
+        ("twisted_pad", ()),
     ],
-    ids=["two blocks", "mortar", "plane"],
+    ids=["two blocks", "mortar", "plane", "rigid set"],
 )
 @pytest.mark.quick_variants("mortar")
 def test_shipped_scenes(name: str, more: tuple[str, ...], tmp_path: Path) -> None:
@@ -450,11 +481,15 @@ def test_frames_of_steps_are_refused(tmp_path: Path) -> None:
     )
 
 
-def test_ties_are_refused_by_their_key(tmp_path: Path) -> None:
-    tied = '[remote.plate]\non = "block.right"\nforce = { x = 1.0 }\n'
-    file = scene(tmp_path, SCENES["block"] + tied)
+def test_a_loaded_obstacle_is_refused_by_its_key(tmp_path: Path) -> None:
+    text = BOX.format(cell="hexahedron", order=1) + SHEARED + MOVING
+    file = scene(tmp_path, text.replace("move =", "force ="))
     done = bipot(2, "run", file, *PETSC, cwd=tmp_path)
-    soon(done, 2, "does not support remote.plate: use engine='direct' or 'iterative'")
+    soon(
+        done,
+        2,
+        "does not support obstacle.table.force: use engine='direct' or 'iterative'",
+    )
 
 
 MESH = """

@@ -624,8 +624,6 @@ def test_mistakes_of_references() -> None:
 
 def test_what_models_with_references_cannot_do() -> None:
     model = punched(2, "match", floating=Floating("punch", (1,)))
-    with pytest.raises(ValueError, match="K is not assembled in parts"):
-        model.stiffness_rows(np.arange(3))
     with pytest.raises(
         ValueError, match="moment of the reference point 'punch' was given"
     ):

@@ -153,8 +153,23 @@ def test_mistakes_of_several_tables() -> None:
     model.support("bar", z=0, within={"z": [10, 10]})
     with pytest.raises(SceneError, match="a support holds its nodes along the axis"):
         model.assemble()
-    with pytest.raises(SceneError, match=r"does not support bolt\.0"):
-        hook("petsc").assemble()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_rows_of_parts_are_those_of_the_whole(count: int) -> None:
+    """Processes assemble the rows of their nodes; reference nodes are the last ones."""
+    model = hook()
+    plane = {"point": [0, 0, 5], "normal": [0, 0, 1]}
+    model.bolt("bar", name="low", plane=plane, force=1.0, step=[3, 3])
+    model.remote("held", on="bar.top", move={"x": 0.0})
+    it = model.assemble().model
+    K, owner = it.stiffness(), np.random.default_rng(2).integers(count, size=it.n // 3)
+    for rank in range(count):
+        nodes = np.flatnonzero(owner == rank)
+        dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+        off = abs(it.stiffness_rows(nodes) - K[dofs])
+        # A rigid set sums the rows of nine nodes, each with up to 81 entries.
+        assert off.max() <= 729 * np.finfo(float).eps * abs(K).max()
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -269,8 +269,14 @@ WRONG: list[tuple[dict[str, Any], str]] = [
         "obstacle.o.force.y: remove it or obstacle.o.move.y: a component is either",
     ),
     (
-        {"remote.a": {"on": "it.top", "force": {"x": 1.0}}, "solver.engine": "petsc"},
-        "solver.engine: should not be 'petsc', which does not support remote.a",
+        {
+            "obstacle.o": {
+                "plane": {"point": [0.0, 1.0], "normal": [0.0, -1.0]},
+                "force": {"y": 1.0},
+            },
+            "solver.engine": "petsc",
+        },
+        "solver.engine: should not be 'petsc', which does not support obstacle.o.force",
     ),
 ]
 

@@ -8,6 +8,7 @@ K of its own, prepared once.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,15 +23,18 @@ class Latches:
 
     dofs: Ints  # (m,): their degrees of freedom, among the prescribed ones
     share: Floats  # (m,): part of each force that the model contains
-    fixed: Ints  # (fixed,): all prescribed degrees of freedom, ascending
+    fixed: Ints  # (fixed,): all prescribed degrees of freedom
     # Sparse (m, n): rows of K of the degrees of freedom after them, which are zero in all
     # steps; their reactions are the tensions.
     rows: CsrMatrix
+    # Makes vectors of all degrees of freedom arrays, which those of PETSc are not.
+    whole: Callable[[Floats], Floats] = np.asarray
 
     @property
     def at(self) -> Ints:
         """Their places among the prescribed degrees of freedom."""
-        return np.searchsorted(self.fixed, self.dofs)
+        order = np.argsort(self.fixed)
+        return order[np.searchsorted(self.fixed, self.dofs, sorter=order)]
 
     def find_free(self, prescribed: Floats) -> Bools:
         """Which are free in a step, ``(m,)``."""
@@ -67,9 +71,10 @@ class Latches:
 
         ``pushed (n,)`` are the forces of the contacts, ``Bᵀ r``.
         """
-        u, load = step.displacement, step.load
+        u, load = self.whole(step.displacement), step.load
         force = self.rows @ u - pushed[self.dofs + 1]
         if load is not None:
+            load = self.whole(load)
             force -= load[self.dofs + 1]
             force[free] = (load[self.dofs] - load[self.dofs + 1])[free]
         return replace(

@@ -257,27 +257,26 @@ class Assembly:
         return bare if problem.stiffness.release(bare.stiffness) else self
 
     def stiffness_rows(self, nodes: Ints) -> CsrMatrix:
-        """Rows of K of some nodes, CSR ``(d m, n)``, with the bits of `assemble`.
+        """Rows of K of some nodes, CSR ``(d m, n)``, with the bits of `assemble` without ties.
 
-        Only the cells that touch these nodes are integrated: processes that share the
-        nodes assemble K in parts.
+        Only the cells that touch these nodes, or nodes tied to them, are integrated: processes
+        that share the nodes assemble K in parts.
 
         Parameters
         ----------
         nodes
-            Ascending indices into `nodes`, ``(m,)``.
-
-        Raises
-        ------
-        ValueError
-            The model has reference points or ties: their rows need the whole K.
+            Ascending numbers of nodes, the reference nodes after the others, ``(m,)``.
         """
-        if self.references or self.ties is not None:
-            raise ValueError(
-                "the model has a floating obstacle, a rigid set, a cyclic symmetry, a bolt or a "
-                "periodicity: K is not assembled in parts; solve it in one process"
+        rigid = {one.whole for one in self.references if one.whole is not None}
+
+        def read(wanted: Ints) -> CsrMatrix:
+            return system_stiffness(
+                self.numbered, self.springs, self.inclined, wanted, rigid
             )
-        return system_stiffness(self.numbered, self.springs, self.inclined, nodes)
+
+        if self.ties is None:
+            return read(nodes)
+        return self.ties.stiffness_rows(read, nodes, len(self.nodes))
 
     def in_step(self, step: Step) -> Assembly:
         """The same with frames and B of a load step, if these change along the path."""
@@ -453,8 +452,8 @@ class Assembly:
                 engine=engine,
                 _held=self.inclined if self.ties is None else self.ties,
                 _steps=steps,
-                _kinematics=self._find_kinematics(),
-                _latches=self._find_latches(),
+                _kinematics=self.find_kinematics(),
+                _latches=self.find_latches(),
                 _interference=self.find_interference(),
                 bodies=first_dofs,
             )
@@ -501,7 +500,7 @@ class Assembly:
             asked[own] = np.any(np.asarray(added) < 0)
         return asked
 
-    def _find_latches(self) -> tuple[Ints, Floats] | None:
+    def find_latches(self) -> tuple[Ints, Floats] | None:
         """Degrees of freedom of the shortenings of bolts, and the part of each force here."""
         if not self.bolts:
             return None
@@ -527,9 +526,9 @@ class Assembly:
                 return None
         return np.repeat(with_points(self.nodes, self.references), self.dim, axis=0)
 
-    def _find_kinematics(self) -> tuple[Floats, Floats, Floats] | None:
+    def find_kinematics(self) -> tuple[Floats, Floats, Floats] | None:
         """What K and coordinates do not tell of ties, reference points and axisymmetry."""
-        if self._loss is None and not self.numbered.axisymmetric:
+        if self.ties is None and not self.numbered.axisymmetric:
             return None
         d, centre = self.dim, self.nodes.mean(axis=0)
         reach = float(np.abs(self.nodes - centre).max())

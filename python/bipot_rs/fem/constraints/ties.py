@@ -14,7 +14,7 @@ prescribed with ``y = 0``. Displacements that supports prescribe are independent
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -88,6 +88,29 @@ class Ties:
             reduced_stiffness.eliminate_zeros()
         reduced_stiffness.sort_indices()
         return reduced_stiffness
+
+    def stiffness_rows(
+        self, read: Callable[[Ints], CsrMatrix], nodes: Ints, count: int
+    ) -> CsrMatrix:
+        """Rows of ``Tᵀ K T`` of some nodes, with an entry on the diagonal, ``(d m, n)``.
+
+        ``read`` gives rows of K of some of its ``count`` nodes.
+        """
+        d = self.nodes.shape[1]
+        own = (d * nodes[:, None] + np.arange(d)).ravel()
+        columns = sparse.csc_array(self.within)[:, own]
+        needed = np.unique(columns.indices // d)
+        needed = needed[needed < count]
+        K = read(needed)
+        K.resize((K.shape[0], self.nodes.size))
+        dofs = (d * needed[:, None] + np.arange(d)).ravel()
+        rows = (columns.tocsr()[dofs].T @ K @ self.within).tocoo()
+        # Zeros stay.
+        row = np.concatenate([rows.row, np.arange(len(own))])
+        column = np.concatenate([rows.col, own])
+        data = np.concatenate([rows.data, np.zeros(len(own))])
+        made: CsrMatrix = sparse.csr_array((data, (row, column)), shape=rows.shape)
+        return made
 
     def measure_loss(self, K: CsrMatrix, reduced: CsrMatrix) -> Floats:
         """How many times larger than its entries the terms of each row of ``Tᵀ K T`` are.

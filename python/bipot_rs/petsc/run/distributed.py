@@ -23,6 +23,7 @@ from bipot_rs.contact.results.solution import Computed
 from bipot_rs.contact.results.solution import Step as WholeStep
 from bipot_rs.contact.results.state import Start
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies
+from bipot_rs.fem.constraints.references import with_points
 from bipot_rs.petsc import tuning
 from bipot_rs.petsc.engine import NO_FRAMES
 from bipot_rs.petsc.library import load
@@ -75,6 +76,10 @@ class DistributedProblem:
         self._K = assemble_stiffness(library, ranks, model, numbering)
         contact = model.B.tocoo()
         entries = contact.data, (contact.row, numbering.place[contact.col])
+        self._ties = model.ties
+        points = with_points(model.nodes, model.references)[numbering.nodes]
+        kinematics = None if model.ties is None else model.find_kinematics()
+        latches = model.find_latches()
         try:
             self.problem = ContactProblem(
                 self._K,
@@ -84,11 +89,13 @@ class DistributedProblem:
                 cohesion=model.cohesion,
                 dilatancy=model.dilatancy,
                 fixed=numbering.place[model.fixed],
-                coordinates=np.repeat(model.nodes[numbering.nodes], model.dim, axis=0),
+                coordinates=np.repeat(points, model.dim, axis=0),
                 area=model.area,
                 points=model.points,
                 frame=model.frame,
                 gather=tuning.GATHERED_UNKNOWNS,
+                _motions=None if kinematics is None else kinematics[1][numbering.rows],
+                _latches=latches and (numbering.place[latches[0]], latches[1]),
             )
         except (FloatingBodyError, NotIterativeError) as error:
             # Meshes and supports are the same on all ranks, and so is what they say.
@@ -166,7 +173,10 @@ class DistributedProblem:
         whole = np.empty(len(place) if ranks.first else 0)
         into = [whole, self.numbering.counts.tolist()] if ranks.first else None
         ranks.comm.Gatherv(np.ascontiguousarray(vector.array_r), into, root=0)
-        return whole[place] if ranks.first else None
+        if not ranks.first:
+            return None
+        u = whole[place]
+        return u if self._ties is None else self._ties.displacement(u)
 
     def _gather_before(
         self, on_step: Callable[[int, WholeStep], object] | None
@@ -187,5 +197,7 @@ class DistributedProblem:
         if last is None:
             return None
         u = self._ranks.broadcast(last.computed.displacement)
+        if u is not None and self._ties is not None:
+            u = self._ties.unknowns(u)
         vector = None if u is None else self._make_vector(u)
         return replace(last, computed=Computed(vector))  # type: ignore[arg-type]

@@ -61,6 +61,7 @@ def share_nodes(library: Library, ranks: World, model: Assembly) -> Numbering:
     because their data are on all ranks.
     """
     nodes, count = len(model.nodes), ranks.count
+    references = model.n // model.dim - nodes
     by_graph = None
     if count > 1:
         with ranks.together():
@@ -72,7 +73,10 @@ def share_nodes(library: Library, ranks: World, model: Assembly) -> Numbering:
             by_graph = None
     if by_graph is None:
         by_graph = divide_by_coordinates(model.nodes, count), "coordinates"
-    return Numbering.of_owners(*by_graph, ranks, model.dim)
+    owner, partitioner = by_graph
+    # The last rank has the reference nodes.
+    owner = np.append(owner, np.full(references, count - 1))
+    return Numbering.of_owners(owner, partitioner, ranks, model.dim)
 
 
 def assemble_stiffness(

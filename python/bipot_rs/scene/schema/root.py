@@ -186,13 +186,7 @@ class Scene(Table):
                 yield f"remote.{name}.{end}", number
 
     def tied(self) -> str | None:
-        """Key of the first table that ties degrees of freedom to others; None without one."""
-        for kind in ("cyclic", "periodic", "bolt"):
-            if getattr(self, kind):
-                return f"{kind}.0"
-        for name, point in self.remote.items():
-            if not point.distributed:
-                return f"remote.{name}"
+        """Key of the first obstacle that a force moves; None without one."""
         for name, rigid in self.obstacle.items():
             if rigid.force is not None:
                 return f"obstacle.{name}.force"
