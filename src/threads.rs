@@ -31,6 +31,10 @@ static CORES: OnceLock<usize> = OnceLock::new();
 /// rayon.
 pub fn count(asked: Option<usize>) -> Result<usize, Error> {
     if let Some(number) = asked {
+        // A number costs less than its text.
+        if (1..=MOST).contains(&number) {
+            return Ok(number);
+        }
         return within("num_threads", &number.to_string());
     }
     for (name, default) in [("BIPOT_NUM_THREADS", ""), ("RAYON_NUM_THREADS", "0")] {

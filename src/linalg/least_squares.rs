@@ -8,43 +8,53 @@ const DEPENDENT: f64 = 1e-10;
 
 /// `x` that minimises `‖b − Σ x_j a_j‖`, by Gram–Schmidt over the columns in their order. A
 /// column that depends on those before it gets `x_j = 0`.
-pub fn solve(columns: &[&[f64]], b: &[f64]) -> Vec<f64> {
-    let mut basis: Vec<(usize, Vec<f64>, Vec<f64>)> = Vec::with_capacity(columns.len());
-    for (index, column) in columns.iter().enumerate() {
-        let mut column = column.to_vec();
-        let before = norm(&column);
-        let mut coefficients = take_out(&mut column, &basis);
-        let length = norm(&column);
+pub fn solve<'a>(columns: impl ExactSizeIterator<Item = &'a [f64]>, b: &[f64]) -> Vec<f64> {
+    let (n, count) = (b.len(), columns.len());
+    // The orthonormal columns, the rows of the triangle, and the columns that were kept.
+    let mut basis = Vec::with_capacity(n * count);
+    let mut triangle = vec![0.0; count * count];
+    let mut kept = Vec::with_capacity(count);
+    for (index, column) in columns.enumerate() {
+        let before = norm(column);
+        basis.extend_from_slice(column);
+        let (done, column) = basis.split_at_mut(n * kept.len());
+        let row = &mut triangle[kept.len() * count..][..=kept.len()];
+        take_out(column, done, row);
+        let length = norm(column);
         if length <= DEPENDENT * before || length == 0.0 {
+            basis.truncate(n * kept.len());
             continue;
         }
-        for value in &mut column {
+        for value in column {
             *value /= length;
         }
-        coefficients.push(length);
-        basis.push((index, column, coefficients));
+        row[kept.len()] = length;
+        kept.push(index);
     }
     let mut rest = b.to_vec();
-    let mut right = take_out(&mut rest, &basis);
-    let mut x = vec![0.0; columns.len()];
-    for (k, (index, _, coefficients)) in basis.iter().enumerate().rev() {
-        let value = right[k] / coefficients[k];
-        x[*index] = value;
-        for (y, c) in right[..k].iter_mut().zip(&coefficients[..k]) {
+    let mut right = vec![0.0; kept.len()];
+    take_out(&mut rest, &basis, &mut right);
+    let mut x = vec![0.0; count];
+    for (k, &index) in kept.iter().enumerate().rev() {
+        let row = &triangle[k * count..][..=k];
+        let value = right[k] / row[k];
+        x[index] = value;
+        for (y, c) in right[..k].iter_mut().zip(row) {
             *y -= value * c;
         }
     }
     x
 }
 
-/// Removes the span of the basis from `a`; returns the coefficients.
-fn take_out(a: &mut [f64], basis: &[(usize, Vec<f64>, Vec<f64>)]) -> Vec<f64> {
-    let remove = |(_, q, _): &(usize, Vec<f64>, Vec<f64>)| {
-        let along = dot_long(q, a);
+/// Removes the span of the basis from `a`; gives the coefficients.
+fn take_out(a: &mut [f64], basis: &[f64], coefficients: &mut [f64]) {
+    for (along, q) in coefficients
+        .iter_mut()
+        .zip(basis.chunks_exact(a.len().max(1)))
+    {
+        *along = dot_long(q, a);
         for (value, q) in a.iter_mut().zip(q) {
-            *value -= along * q;
+            *value -= *along * q;
         }
-        along
-    };
-    basis.iter().map(remove).collect()
+    }
 }

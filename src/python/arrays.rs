@@ -9,7 +9,7 @@ use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
 use crate::tasks;
 use crate::threads;
-use numpy::ndarray::Array2;
+use numpy::ndarray::{Array2, aview2};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -223,12 +223,9 @@ fn negative(what: &'static str) -> PyErr {
     PyValueError::new_err(format!("{what} holds a negative index"))
 }
 
-/// An `(n_c, D)` array.
-pub(super) fn from_rows<'py, const D: usize>(
-    py: Python<'py>,
-    rows: &[[f64; D]],
-) -> PyResult<NewMatrix<'py>> {
-    square(py, rows.as_flattened().to_vec(), rows.len(), D)
+/// An `(n_c, D)` array. `NumPy` allocates small arrays faster than it adopts them.
+pub(super) fn from_rows<'py, const D: usize>(py: Python<'py>, rows: &[[f64; D]]) -> NewMatrix<'py> {
+    PyArray2::from_array(py, &aview2(rows))
 }
 
 /// A C-ordered matrix from its rows.
@@ -272,5 +269,5 @@ pub(super) fn from_vec(py: Python<'_>, values: Vec<f64>) -> NewVector<'_> {
 
 /// Statuses as `int8`.
 pub(super) fn from_status<'py>(py: Python<'py>, status: &[Status]) -> Bound<'py, PyArray1<i8>> {
-    PyArray1::from_vec(py, status.iter().map(|&s| s as i8).collect())
+    PyArray1::from_slice(py, &status.iter().map(|&s| s as i8).collect::<Vec<_>>())
 }

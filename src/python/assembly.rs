@@ -278,8 +278,8 @@ pub(super) fn bodies_output<const D: usize>(
         arrays::from_vec(py, found.outward),
         PyArray1::from_vec(py, found.body),
         arrays::from_vec(py, found.work),
-        arrays::from_rows(py, &found.low)?,
-        arrays::from_rows(py, &found.high)?,
+        arrays::from_rows(py, &found.low),
+        arrays::from_rows(py, &found.high),
         PyArray1::from_vec(py, found.all),
         PyArray1::from_vec(py, found.free),
     ))

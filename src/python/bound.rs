@@ -55,9 +55,9 @@ pub(super) fn of_reduced<const D: usize>(
         Ok((bounds, prepared.unique()))
     })?;
     let bounds = bounds.iter();
-    bounds
+    Ok(bounds
         .map(|bound| PyBound::new(py, bound, unique))
-        .collect()
+        .collect())
 }
 
 /// The bound of a step of a load path, from the state before it and its relative displacement.
@@ -95,7 +95,7 @@ pub(super) fn of_step<const D: usize>(
         let bound = prepared.bound(&reduced, (&r, rigid), Some((&v, &error)), stop)?;
         Ok((bound.change_variables(elliptic), prepared.unique()))
     })?;
-    Ok(Some(PyBound::new(py, &bound, unique)?))
+    Ok(Some(PyBound::new(py, &bound, unique)))
 }
 
 /// The rounding of `ṽ = T v`.
@@ -123,7 +123,7 @@ pub(super) struct PyBound {
 }
 
 impl PyBound {
-    fn new<const D: usize>(py: Python<'_>, bound: &Bound<D>, unique: bool) -> PyResult<Self> {
+    fn new<const D: usize>(py: Python<'_>, bound: &Bound<D>, unique: bool) -> Self {
         let (reason, which) = match bound.kind {
             BoundKind::NotAvailable(reason) => {
                 let (word, which) = reason.told();
@@ -132,11 +132,8 @@ impl PyBound {
             _ => (None, 0),
         };
         let available = reason.is_none();
-        let rows = |rows: &[[f64; D]]| {
-            let rows = available.then(|| arrays::from_rows(py, rows));
-            PyResult::Ok(rows.transpose()?.map(pyo3::Bound::unbind))
-        };
-        Ok(Self {
+        let rows = |rows: &[[f64; D]]| available.then(|| arrays::from_rows(py, rows).unbind());
+        Self {
             kind: bound.kind.name(),
             unique,
             gap: arrays::from_vec(py, bound.gap.clone()).unbind(),
@@ -146,10 +143,10 @@ impl PyBound {
             energy: available.then_some(bound.energy),
             relative: available.then_some(bound.relative),
             alone_within: available.then_some(bound.alone_within),
-            reaction: rows(&bound.reaction)?,
-            relative_displacement: rows(&bound.relative_displacement)?,
+            reaction: rows(&bound.reaction),
+            relative_displacement: rows(&bound.relative_displacement),
             contraction: bound.contraction.filter(|_| available),
             energy_by_gap: bound.energy_by_gap.filter(|_| available),
-        })
+        }
     }
 }

@@ -352,7 +352,7 @@ fn from_contacts<'py, const D: usize>(
     _: &InterfaceVariables<D>,
     values: &[f64],
 ) -> PyResult<NewMatrix<'py>> {
-    arrays::from_rows(py, values.as_chunks::<D>().0)
+    Ok(arrays::from_rows(py, values.as_chunks::<D>().0))
 }
 
 /// The system of one Newton step in either dimension.

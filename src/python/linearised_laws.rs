@@ -103,7 +103,7 @@ impl PyLinearisedLaws {
         for_either!(&mut self.kind, inner => {
             let rows = s.as_chunks_mut().0;
             inner.laws.aim(rows, g);
-            Ok((inner.laws.tangent.clone().into(), arrays::from_rows(py, rows)?))
+            Ok((inner.laws.tangent.clone().into(), arrays::from_rows(py, rows)))
         })
     }
 
@@ -193,5 +193,5 @@ fn rows_of_laws<'py, const D: usize>(
     _: &InterfaceLaws<D>,
     values: &[f64],
 ) -> PyResult<NewMatrix<'py>> {
-    arrays::from_rows(py, values.as_chunks::<D>().0)
+    Ok(arrays::from_rows(py, values.as_chunks::<D>().0))
 }

@@ -86,9 +86,9 @@ fn respond_rows<'py, const D: usize, const SQUARE: usize>(
     });
     responded?;
     Ok((
-        arrays::from_rows(py, &stress)?,
-        arrays::from_rows(py, &flow)?,
-        arrays::from_rows(py, &jacobian)?,
+        arrays::from_rows(py, &stress),
+        arrays::from_rows(py, &flow),
+        arrays::from_rows(py, &jacobian),
     ))
 }
 

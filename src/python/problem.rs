@@ -151,7 +151,7 @@ impl PyCondensed {
                 problem.problem.whole(stop)?.free_part(load, prescribed)
             })?;
             Ok((
-                arrays::from_rows(py, &over(problem.elliptic.as_ref(), &part.q))?,
+                arrays::from_rows(py, &over(problem.elliptic.as_ref(), &part.q)),
                 problem.as_rows(py, &part.rigid.modes.columns())?,
                 arrays::from_vec(py, part.rigid.load),
             ))

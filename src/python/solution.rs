@@ -63,11 +63,11 @@ impl PySolution {
             Py::new(py, fields)
         });
         Ok(Self {
-            reaction: arrays::from_rows(py, &reaction)?.unbind(),
-            relative_displacement: arrays::from_rows(py, &relative_displacement)?.unbind(),
+            reaction: arrays::from_rows(py, &reaction).unbind(),
+            relative_displacement: arrays::from_rows(py, &relative_displacement).unbind(),
             status: arrays::from_status(py, &solution.status).unbind(),
             opened: PyArray1::from_slice(py, &solution.opened).unbind(),
-            bipotential_gap: arrays::from_vec(py, solution.bipotential_gap.clone()).unbind(),
+            bipotential_gap: PyArray1::from_slice(py, &solution.bipotential_gap).unbind(),
             rigid_motion: amounts(&solution.rigid_motion),
             free_motion: amounts(&solution.free_motion),
             statuses_tried: solution.statuses_tried,
@@ -76,7 +76,7 @@ impl PySolution {
             tolerance: solution.tolerance,
             iterations: solution.iterations,
             work: solution.work,
-            history: arrays::from_rows(py, &history)?.unbind(),
+            history: arrays::from_rows(py, &history).unbind(),
             minimising_sequence: sequence.transpose()?,
             bytes_beside: solution.bytes_beside,
             seconds: solution.seconds,

@@ -120,7 +120,7 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
         })
     });
     projected?;
-    Ok((arrays::from_rows(py, &out)?, PyArray1::from_vec(py, status)))
+    Ok((arrays::from_rows(py, &out), PyArray1::from_vec(py, status)))
 }
 
 #[pyfunction]

@@ -226,9 +226,8 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
         let moved = modes.map(|i, _, m| (jacobian[i] * Vector::from(*m)).into());
         if !self.problem.scaling.is_sparse() {
             let columns = moved.columns();
-            let columns: Vec<&[f64]> = columns.iter().map(|c| c.as_flattened()).collect();
             let right: Vec<f64> = rest.iter().map(|x| -x).collect();
-            return least_squares::solve(&columns, &right);
+            return least_squares::solve(columns.iter().map(|c| c.as_flattened()), &right);
         }
         // What the law leaves free is held by little, whose effect each correction reduces.
         let row = |row: usize, add: &mut dyn FnMut(usize, f64)| match row.checked_sub(rest.len()) {

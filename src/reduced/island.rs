@@ -418,13 +418,8 @@ fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
     /// Rows and columns in one tile: both sides of the diagonal stay in the cache.
     const TILE: usize = 32;
     let tile_is_symmetric = |i: usize, j: usize| {
-        let row_is_symmetric = |a: usize| {
-            let end = (j + TILE).min(a);
-            let column = matrix[j * m + a..].iter().step_by(m);
-            matrix[a * m..][j.min(end)..end]
-                .iter()
-                .eq(column.take(end.saturating_sub(j)))
-        };
+        let row_is_symmetric =
+            |a: usize| (j..(j + TILE).min(a)).all(|b| matrix[a * m + b] == matrix[b * m + a]);
         (i..(i + TILE).min(m)).all(row_is_symmetric)
     };
     let tiles = (0..m).step_by(TILE);
@@ -437,9 +432,9 @@ fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
     let mut transpose = vec![0.0; m * m];
     for (i, j) in tiles.flat_map(|i| (0..m).step_by(TILE).map(move |j| (i, j))) {
         for a in i..(i + TILE).min(m) {
-            for b in j..(j + TILE).min(m) {
-                transpose[b * m + a] = matrix[a * m + b];
-            }
+            let row = &matrix[a * m..][j..(j + TILE).min(m)];
+            let column = transpose[j * m + a..].iter_mut().step_by(m);
+            column.zip(row).for_each(|(to, w)| *to = *w);
         }
     }
     Some(transpose)

@@ -26,28 +26,32 @@ impl Anderson {
 
     /// Takes `f` and the payload `p` of `G(x)`. Returns the extrapolated payload, or `None`
     /// without an earlier step.
-    pub fn extrapolate(&mut self, f: &[f64], payload: &[f64]) -> Option<Vec<f64>> {
-        if let Some((last_f, last_p)) = &self.last {
-            let difference = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x - y).collect();
+    pub fn extrapolate(&mut self, f: Vec<f64>, payload: Vec<f64>) -> Option<Vec<f64>> {
+        let change = |last: &mut [f64], now: &[f64]| {
+            last.iter_mut().zip(now).for_each(|(y, x)| *y = x - *y);
+        };
+        if let Some((mut last_f, mut last_p)) = self.last.take() {
+            change(&mut last_f, &f);
+            change(&mut last_p, &payload);
             if self.steps.len() == tuning::anderson_memory() {
                 let _ = self.steps.pop_front();
             }
-            self.steps
-                .push_back((difference(f, last_f), difference(payload, last_p)));
+            self.steps.push_back((last_f, last_p));
         }
-        self.last = Some((f.to_vec(), payload.to_vec()));
-        if self.steps.is_empty() {
-            return None;
-        }
-        // Newest first: of nearly dependent steps the older one is omitted.
-        let columns: Vec<&[f64]> = self.steps.iter().rev().map(|(f, _)| f.as_slice()).collect();
-        let gamma = least_squares::solve(&columns, f);
-        let mut next = payload.to_vec();
-        for ((_, step), gamma) in self.steps.iter().rev().zip(&gamma) {
-            for (value, change) in next.iter_mut().zip(step) {
-                *value -= gamma * change;
+        let mut extrapolated = None;
+        if !self.steps.is_empty() {
+            // Newest first: of nearly dependent steps the older one is omitted.
+            let steps = self.steps.iter().rev();
+            let gamma = least_squares::solve(steps.clone().map(|(f, _)| f.as_slice()), &f);
+            let mut next = payload.clone();
+            for ((_, step), gamma) in steps.zip(&gamma) {
+                for (value, change) in next.iter_mut().zip(step) {
+                    *value -= gamma * change;
+                }
             }
+            extrapolated = Some(next);
         }
-        Some(next)
+        self.last = Some((f, payload));
+        extrapolated
     }
 }

@@ -3,7 +3,7 @@
 //!
 //! | stage | in rounds: supported, floating, many | gives up | next |
 //! |---|---|---|---|
-//! | sweeps | all | after 5, 20, 40, … 1280 sweeps, or the cost of two Newton steps | the point |
+//! | sweeps | all | after 5 or one that changes no status, 20, 40, … 1280 sweeps, or the cost of two Newton steps | the point |
 //! | Newton | all | 40 steps, or no decrease in a step | the point, if better |
 //! | start from zero | –, 2, 2 if floating | | the point zero, once |
 //! | all statuses | 3, 3, – | more than 6 contacts, or not plane | the answer, or the proof that there is none |
@@ -230,19 +230,26 @@ impl<'p, const D: usize> Chain<'p, D> {
         }
     }
 
-    /// The sweeps of a round; before the first Newton attempt, at least the cost of two Newton
-    /// steps.
+    /// The sweeps of a round. Before the first Newton attempt they end once statuses have
+    /// settled, which Newton's method needs and digits it finds faster, but are worth at least two
+    /// Newton steps.
     fn sweep(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
-        self.sweeper.run(&mut self.point, monitor, self.sweeps)?;
+        let first = self.next_sweeps == tuning::next_sweeps();
+        self.sweeper
+            .run(&mut self.point, monitor, self.sweeps, first)?;
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a small cost"
         )]
-        let step = newton::step_cost(self.problem, &self.sweeper.law(&self.point)).0 as usize;
-        if self.sweeps > 0 && step > self.sweeps {
+        let whole = |cost: f64| cost as usize;
+        if self.sweeps == 0 || whole(newton::most_step_cost(self.problem)) <= self.sweeps {
+            return Ok(());
+        }
+        let step = whole(newton::step_cost(self.problem, &self.sweeper.law(&self.point)).0);
+        if step > self.sweeps {
             let more = step.saturating_mul(2) - self.sweeps;
-            self.sweeper.run(&mut self.point, monitor, more)?;
+            self.sweeper.run(&mut self.point, monitor, more, false)?;
         }
         Ok(())
     }

@@ -11,6 +11,7 @@
 use std::borrow::Cow;
 
 use crate::law::bipotential::law_step;
+use crate::law::cone::Status;
 use crate::law::one_node::{self, Habit};
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::reduced::Reduced;
@@ -53,7 +54,7 @@ pub fn run<const D: usize>(
     let mut point = sweeper.start(start, monitor);
     let _ = sweeper.look(&point, monitor, false)?;
     loop {
-        sweeper.run(&mut point, monitor, usize::MAX)?;
+        sweeper.run(&mut point, monitor, usize::MAX, false)?;
     }
 }
 
@@ -189,17 +190,20 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             .collect()
     }
 
-    /// Makes `count` accelerated sweeps, unless the monitor stops them before.
+    /// Makes `count` accelerated sweeps, unless the monitor stops them before, or one changes no
+    /// status and this is what the caller waits for.
     pub fn run(
         &self,
         point: &mut GaussSeidelPoint<D>,
         monitor: &mut Monitor<D>,
         count: usize,
+        until_settled: bool,
     ) -> Result<(), Ended> {
         let mut anderson = Anderson::default();
+        let mut statuses = vec![Status::Open; point.r.len()];
         for sweep in 1..=count {
             let before = (point.r.clone(), point.a.clone());
-            self.sweep(point);
+            let changed = self.sweep(point, &mut statuses);
             monitor.count(1.0);
             if self.look(point, monitor, true)? == NextStep::Refresh {
                 self.refresh(point);
@@ -216,7 +220,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             }
             let mut f = self.scaled_change(point, &before.0);
             f.extend(point.a.iter().zip(&before.1).map(|(x, y)| x - y));
-            if let Some(next) = anderson.extrapolate(&f, &point.pack()) {
+            if let Some(next) = anderson.extrapolate(f, point.pack()) {
                 let next = point.unpack(&next);
                 let here = if refresh || !point.a.is_empty() {
                     self.residual(point)
@@ -228,6 +232,9 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 } else {
                     anderson.restart();
                 }
+            }
+            if until_settled && !changed {
+                break;
             }
         }
         Ok(())
@@ -255,8 +262,9 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         point.s = scaled_imbalance(self.problem, &point.r);
     }
 
-    /// Makes one sweep over all contacts.
-    fn sweep(&self, point: &mut GaussSeidelPoint<D>) {
+    /// Makes one sweep over all contacts, and tells whether it changed a status.
+    fn sweep(&self, point: &mut GaussSeidelPoint<D>, statuses: &mut [Status]) -> bool {
+        let mut changed = false;
         let scaling = &self.problem.scaling;
         let mut motion = point.motion();
         for i in 0..point.r.len() {
@@ -272,11 +280,11 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             };
             // A contact that cannot move does not penetrate: this was checked.
             let law = self.problem.law[i];
-            let next = match one_node::solve(block, &free, law, habit) {
-                Some((next, _)) => next,
-                // No solution with the other reactions fixed: make one projection.
-                None => law_step(&r, &v, scaling.to_v[i] / scaling.to_r[i], law).0,
-            };
+            let solved = one_node::solve(block, &free, law, habit);
+            // No solution with the other reactions fixed: make one projection.
+            let project = || law_step(&r, &v, scaling.to_v[i] / scaling.to_r[i], law);
+            let (next, status) = solved.unwrap_or_else(project);
+            changed |= std::mem::replace(&mut statuses[i], status) != status;
             let dr: [f64; D] = std::array::from_fn(|k| next[k] - r[k]);
             if dr.iter().all(|&c| c == 0.0) {
                 continue;
@@ -289,5 +297,6 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             }
             point.r[i] = next;
         }
+        changed
     }
 }

@@ -58,7 +58,7 @@ impl<const D: usize> Point<D> {
     fn in_reactions(&self, problem: &Reduced<D>, law: &Linearisation<D>) -> Option<Solved<D>> {
         let form = ComplianceForm::new(problem, law);
         let from = (self.r.as_slice(), self.a.as_slice());
-        form.solve(from, &self.imbalance, 1e-12, &mut |_| (), &GO)
+        form.solve(from, &self.imbalance, &|| 1e-12, &mut |_| (), &GO)
             .unwrap()
     }
 
@@ -224,7 +224,7 @@ fn a_large_step_by_gmres_is_the_one_by_lu() {
         let from = (point.r.as_slice(), point.a.as_slice());
         let mut costs = Vec::new();
         let mut count = |cost| costs.push(cost);
-        let iterated = form.solve(from, &point.imbalance, 1e-12, &mut count, &GO);
+        let iterated = form.solve(from, &point.imbalance, &|| 1e-12, &mut count, &GO);
         let iterated = iterated.unwrap().unwrap();
         // GMRES was enough: what an LU costs has not been counted.
         let direct = factorisation_cost(&problem, n);

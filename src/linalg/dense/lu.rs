@@ -15,6 +15,9 @@ use crate::linalg::dense::kernels::{
 pub fn lu_panel(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize) {
     let width = panel.len() / n;
     let rows = n - first;
+    if rows <= SMALL {
+        return lu_small(panel, n, first);
+    }
     let mut matrix = MatMut::from_column_major_slice_mut(panel, n, width)
         .split_at_row_mut(first)
         .1;
@@ -31,6 +34,41 @@ pub fn lu_panel(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize
     );
     leave_wide();
     (forward, info.transposition_count)
+}
+
+/// Of this order, the blocks of faer take as long as the arithmetic without them.
+const SMALL: usize = 32;
+
+/// [`lu_panel`], column by column.
+fn lu_small(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize) {
+    let (mut order, mut exchanges): (Vec<usize>, _) = ((0..n - first).collect(), 0);
+    for k in 0..panel.len() / n {
+        let column = &panel[k * n + first..][..n - first];
+        let larger = |p: usize, i: usize| {
+            if column[i].abs() > column[p].abs() {
+                i
+            } else {
+                p
+            }
+        };
+        let pivot = (k + 1..column.len()).fold(k, larger);
+        if pivot != k {
+            let swap = |column: &mut [f64]| column.swap(first + k, first + pivot);
+            panel.chunks_exact_mut(n).for_each(swap);
+            order.swap(k, pivot);
+            exchanges += 1;
+        }
+        let (done, right) = panel.split_at_mut((k + 1) * n);
+        let (head, below) = done[k * n + first..].split_at_mut(k + 1);
+        below.iter_mut().for_each(|l| *l /= head[k]);
+        for column in right.chunks_exact_mut(n) {
+            let (head, rest) = column[first..].split_at_mut(k + 1);
+            for (x, l) in rest.iter_mut().zip(&*below) {
+                *x -= head[k] * l;
+            }
+        }
+    }
+    (order, exchanges)
 }
 
 /// Eliminates a factored panel, whose diagonal begins at row `first`, from columns to its
@@ -60,6 +98,16 @@ pub fn lu_solve(factors: &[f64], n: usize, b: &mut [f64]) {
 
 /// `b ← L⁻ᵀ U⁻ᵀ b` for the factors of an LU, `L` with a unit diagonal.
 pub fn lu_solve_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
+    if n <= SMALL {
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+        for (k, column) in factors.chunks_exact(n.max(1)).enumerate() {
+            b[k] = (b[k] - dot(&column[..k], b)) / column[k];
+        }
+        for (k, column) in factors.chunks_exact(n.max(1)).enumerate().rev() {
+            b[k] -= dot(&column[k + 1..], &b[k + 1..]);
+        }
+        return;
+    }
     let factors = MatRef::from_column_major_slice(factors, n, n);
     let mut b = MatMut::from_column_major_slice_mut(b, n, 1);
     solve_lower_triangular_in_place(factors.transpose(), b.rb_mut(), Par::Seq);

@@ -130,7 +130,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         &self,
         (r, rigid): (&[[f64; D]], &[f64]),
         imbalance: &[f64],
-        tol: f64,
+        tol: &dyn Fn() -> f64,
         count: &mut dyn FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
@@ -158,6 +158,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             }
             // Singular without the rigid motions, or up to their rounding.
         } else if n > tuning::iterative_order() {
+            let tol = tol();
             let blocks = ContactPreconditioner::new(self, ContactInverse::contacts(self))?;
             let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);
@@ -224,10 +225,11 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             let to_v = scaling.to_v[row.node];
             for other in &self.rows {
                 let w = self.problem.compliance.pair(row.node, other.node);
-                let block = row.by_v * w * (to_v / scaling.to_r[other.node]);
-                for i in 0..row.width {
-                    for j in 0..other.width {
-                        out[i * n + other.first + j] = block[(i, j)];
+                let scale = to_v / scaling.to_r[other.node];
+                for (i, out) in out.chunks_exact_mut(n).enumerate() {
+                    for (j, value) in out[other.first..][..other.width].iter_mut().enumerate() {
+                        let terms = (0..D).map(|k| row.by_v[(i, k)] * w[(k, j)]);
+                        *value = terms.sum::<f64>() * scale;
                     }
                 }
             }

@@ -171,14 +171,16 @@ pub fn run_near<const D: usize>(
         }
         let felt = near.felt(problem, &r, &v);
         let law = near.linearised(problem, &r, &felt);
-        let eta = residual(problem, &r, &v, &rigid);
-        let forcing = (tuning::newton_forcing() * monitor.wish() / eta)
-            .clamp(tuning::least_forcing(), tuning::most_forcing());
+        let wish = tuning::newton_forcing() * monitor.wish();
+        let forcing = || {
+            let share = wish / residual(problem, &r, &v, &rigid);
+            share.clamp(tuning::least_forcing(), tuning::most_forcing())
+        };
         let imbalance = scaled_imbalance(problem, &r);
         let point = (r.as_slice(), v.as_slice(), rigid.as_slice());
         let stop = monitor.stop();
         let mut count = |products| monitor.count(products);
-        let solved = solve(problem, &law, point, &imbalance, forcing, &mut count, stop)?;
+        let solved = solve(problem, &law, point, &imbalance, &forcing, &mut count, stop)?;
         let Some(to) = solved else {
             break;
         };
@@ -198,10 +200,11 @@ pub fn run_near<const D: usize>(
         let (share, there) = (next.share, next.merit);
         (r, v, rigid) = next.point;
         recent.push(there);
+        let end = monitor.look(&r, &v, &rigid, true)?;
         if there < best.0 {
             best = (there, r.clone(), rigid.clone());
         }
-        if monitor.look(&r, &v, &rigid, true)? == NextStep::Refresh {
+        if end == NextStep::Refresh {
             v = problem.relative_displacement(&r, &rigid);
             recent = vec![near.merit(problem, &r, &v)];
         }
@@ -221,6 +224,12 @@ fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f
     let blend =
         |(x, y): (&[f64; D], &[f64; D])| std::array::from_fn(|k| x[k] + share * (y[k] - x[k]));
     x.iter().zip(y).map(blend).collect()
+}
+
+/// The largest [`step_cost`] of all statuses.
+pub fn most_step_cost<const D: usize>(problem: &Reduced<D>) -> f64 {
+    let unknowns = D * problem.contacts() + problem.scaling.modes.len();
+    compliance_form::cost(problem, unknowns)
 }
 
 /// Cost of a step of a linearised law in products with `W`, and whether the form in
@@ -254,7 +263,7 @@ pub fn solve<const D: usize>(
     law: &Linearisation<D>,
     (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
     imbalance: &[f64],
-    tol: f64,
+    tol: &dyn Fn() -> f64,
     count: &mut dyn FnMut(f64),
     stop: &AtomicBool,
 ) -> Result<Option<Solved<D>>, Error> {
@@ -300,7 +309,7 @@ pub fn held_at<const D: usize>(
         &law,
         point,
         load,
-        tuning::most_forcing(),
+        &tuning::most_forcing,
         &mut count,
         stop,
     )

@@ -153,9 +153,9 @@ pub fn refine<const D: usize>(
             }
             // The problem is linear now. Rounding of W may exceed its energy of the softest
             // motions of the contacts.
-            let change: Vec<[f64; D]> = r.iter().zip(&point.r).map(minus).collect();
+            let change = r.iter().zip(&point.r).flat_map(minus).collect();
             let payload = [r.as_flattened(), &rigid].concat();
-            if let Some(there) = anderson.extrapolate(change.as_flattened(), &payload) {
+            if let Some(there) = anderson.extrapolate(change, payload) {
                 let (forces, amounts) = there.split_at(D * r.len());
                 r = forces.as_chunks::<D>().0.to_vec();
                 rigid = amounts.to_vec();
@@ -194,7 +194,7 @@ fn solve<const D: usize>(
         law,
         here,
         imbalance,
-        tuning::correction_forcing(),
+        &tuning::correction_forcing,
         &mut |_| (),
         stop,
     )?;

@@ -478,7 +478,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         }
         let stop = monitor.stop();
         let mut count = |products| monitor.count(products);
-        let solved = form.solve((r, &[]), &[], TIGHT, &mut count, stop)?;
+        let solved = form.solve((r, &[]), &[], &|| TIGHT, &mut count, stop)?;
         Ok(solved.map(|solved| solved.r))
     }
 

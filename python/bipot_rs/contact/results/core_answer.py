@@ -12,11 +12,15 @@ from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.results.solution import Computed, Solution, Step, make
 
 S = TypeVar("S", bound=Step)
+# A call of the class takes as long as all other fields.
+_OUTCOMES = {outcome.value: outcome for outcome in Outcome}
 
 
 def make_solution(core: _core.ReducedSolution, **about: Any) -> Solution:
     """A `Solution`; ``about`` are its other fields."""
-    return make(Solution, {**_fields(core), "computed": Computed(), **about})
+    fields = _fields(core)
+    fields.update(about, computed=Computed())
+    return make(Solution, fields)
 
 
 def make_step(core: _core.LoadStep) -> Step:
@@ -63,7 +67,7 @@ def _fields(core: _core.ReducedSolution, **counts: int) -> dict[str, Any]:
         "reaction": core.reaction,
         "relative_displacement": core.relative_displacement,
         "status": core.status,
-        "outcome": Outcome(core.outcome),
+        "outcome": _OUTCOMES[core.outcome],
         "residual": core.residual,
         "tolerance": core.tolerance,
         "iterations": core.iterations,
