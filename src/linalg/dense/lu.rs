@@ -145,3 +145,10 @@ pub fn lu_solve_upper(factors: &[f64], n: usize, b: &mut [f64]) {
     let b = MatMut::from_column_major_slice_mut(b, n, 1);
     solve_upper_triangular_in_place(factors, b, Par::Seq);
 }
+
+/// `b ← L⁻ᵀ b` for the factors of an LU, `L` with a unit diagonal.
+pub fn lu_solve_lower_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
+    let factors = MatRef::from_column_major_slice(factors, n, n);
+    let b = MatMut::from_column_major_slice_mut(b, n, 1);
+    solve_unit_upper_triangular_in_place(factors.transpose(), b, Par::Seq);
+}

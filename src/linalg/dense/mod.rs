@@ -18,7 +18,8 @@ pub use cholesky::{cholesky, solve_lower, solve_lower_transpose};
 pub use eigen::symmetric_eigen;
 pub use inverse::invert_from_cholesky;
 pub use lu::{
-    lu_lower, lu_panel, lu_rest, lu_solve, lu_solve_transposed, lu_solve_upper, lu_update, lu_upper,
+    lu_lower, lu_panel, lu_rest, lu_solve, lu_solve_lower_transposed, lu_solve_transposed,
+    lu_solve_upper, lu_update, lu_upper,
 };
 pub use product::{Op, matmul};
 

@@ -4,6 +4,7 @@
 //! exchanged within the pivots of a front only: the fill is as counted, and a matrix that needs
 //! other exchanges counts as singular.
 
+use std::borrow::Borrow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
@@ -63,26 +64,26 @@ struct EliminatedFront {
 
 /// The factors of a matrix.
 #[derive(Debug)]
-pub struct SparseLu<'s> {
-    analysis: &'s Analysis,
+pub struct SparseLu<A> {
+    analysis: A,
     fronts: Vec<EliminatedFront>,
     /// Whether the determinant is negative.
     negative: bool,
 }
 
-impl<'s> SparseLu<'s> {
+impl<A: Borrow<Analysis>> SparseLu<A> {
     /// Factors a matrix of the analysed pattern; `None` if a pivot is below the rounding of the
     /// largest entry.
     pub fn new<const D: usize>(
-        analysis: &'s Analysis,
+        analysis: A,
         matrix: &Blocks<D>,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, Error> {
-        assert_eq!(analysis.order, D * matrix.rows());
-        let symbolic = &analysis.symbolic;
+        let Analysis { symbolic, order } = analysis.borrow();
+        assert_eq!(*order, D * matrix.rows());
         let largest = matrix.largest();
         // Place of each unknown in the current front.
-        let mut place = vec![0; analysis.order];
+        let mut place = vec![0; *order];
         let mut updates: Vec<Vec<f64>> = vec![Vec::new(); symbolic.fronts.len()];
         let mut children: Vec<Vec<usize>> = vec![Vec::new(); symbolic.fronts.len()];
         let mut fronts = Vec::with_capacity(symbolic.fronts.len());
@@ -140,7 +141,7 @@ impl<'s> SparseLu<'s> {
     }
 
     pub fn order(&self) -> usize {
-        self.analysis.order
+        self.analysis.borrow().order
     }
 
     /// The sign of the determinant, 1 or −1.
@@ -150,8 +151,8 @@ impl<'s> SparseLu<'s> {
 
     /// `b ← A⁻¹ b`.
     pub fn solve(&self, b: &mut [f64]) {
-        assert_eq!(b.len(), self.analysis.order);
-        let symbolic = &self.analysis.symbolic;
+        let Analysis { symbolic, order } = self.analysis.borrow();
+        assert_eq!(b.len(), *order);
         let list = || symbolic.fronts.iter().zip(&self.fronts);
         let mut x: Vec<f64> = symbolic.old.iter().map(|&i| b[i as usize]).collect();
         for (front, own) in list() {
@@ -174,6 +175,39 @@ impl<'s> SparseLu<'s> {
             }
             dense::lu_solve_upper(&own.pivots, np, &mut first);
             x[front.first..front.first + np].copy_from_slice(&first);
+        }
+        for (&i, value) in symbolic.old.iter().zip(x) {
+            b[i as usize] = value;
+        }
+    }
+
+    /// `b ← A⁻ᵀ b`.
+    pub fn solve_transposed(&self, b: &mut [f64]) {
+        let Analysis { symbolic, order } = self.analysis.borrow();
+        assert_eq!(b.len(), *order);
+        let list = || symbolic.fronts.iter().zip(&self.fronts);
+        let mut x: Vec<f64> = symbolic.old.iter().map(|&i| b[i as usize]).collect();
+        for (front, own) in list() {
+            let np = front.np;
+            let first = &mut x[front.first..front.first + np];
+            dense::lu_lower(&own.pivots, np, first);
+            let first = first.to_vec();
+            for (row, column) in beyond(symbolic, front).zip(own.upper.chunks_exact(np)) {
+                x[row] -= dot(column, &first);
+            }
+        }
+        for (front, own) in list().rev() {
+            let np = front.np;
+            let mut first = x[front.first..front.first + np].to_vec();
+            for (row, at) in beyond(symbolic, front).zip(own.lower.chunks_exact(np)) {
+                for (value, l) in first.iter_mut().zip(at) {
+                    *value -= l * x[row];
+                }
+            }
+            dense::lu_solve_lower_transposed(&own.pivots, np, &mut first);
+            for (&row, value) in own.rows.iter().zip(first) {
+                x[front.first + row] = value;
+            }
         }
         for (&i, value) in symbolic.old.iter().zip(x) {
             b[i as usize] = value;

@@ -15,6 +15,8 @@ use crate::error::Error;
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
+use crate::linalg::sparse::blocks::Blocks;
+use crate::linalg::sparse::sparse_lu::{Analysis, SparseLu};
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::tasks;
@@ -47,14 +49,70 @@ pub trait FactoredTangent: Send + Sync {
 /// units.
 #[derive(Debug)]
 pub(super) struct Conditioned {
-    lu: Lu,
+    factors: Factors,
     rows: Vec<f64>,
     columns: Vec<f64>,
     /// Largest sum of absolute values of a row of the scaled matrix.
     norm: f64,
 }
 
+#[derive(Debug)]
+enum Factors {
+    Dense(Lu),
+    /// Its last unknowns fill a block, and have no effect.
+    Sparse(Box<SparseLu<Analysis>>),
+}
+
+impl Factors {
+    fn solve(&self, x: &mut [f64], transposed: bool) {
+        match (self, transposed) {
+            (Self::Dense(lu), false) => lu.solve(x),
+            (Self::Dense(lu), true) => lu.solve_transposed(x),
+            (Self::Sparse(lu), _) => {
+                let mut filled = x.to_vec();
+                filled.resize(lu.order(), 0.0);
+                if transposed {
+                    lu.solve_transposed(&mut filled);
+                } else {
+                    lu.solve(&mut filled);
+                }
+                x.copy_from_slice(&filled[..x.len()]);
+            }
+        }
+    }
+}
+
 impl Conditioned {
+    /// As [`Conditioned::new`], of a matrix in blocks.
+    fn sparse<const D: usize>(
+        matrix: &Blocks<D>,
+        sizes: Vec<f64>,
+        columns: Vec<f64>,
+        stop: &AtomicBool,
+    ) -> Result<Option<Self>, Error> {
+        let rows: Vec<f64> = sizes.into_iter().map(inverse).collect();
+        let scale = |of: &[f64], at: usize| of.get(at).copied().unwrap_or(1.0);
+        let scaled = matrix.map(|i, j, block| {
+            Block::from_fn(|k, l| {
+                block[(k, l)] * scale(&rows, D * i + k) * scale(&columns, D * j + l)
+            })
+        });
+        let sum = |at: usize| -> f64 {
+            let blocks = scaled.in_row(at / D);
+            blocks
+                .map(|(_, block)| block.row(at % D).iter().map(|x| x.abs()).sum::<f64>())
+                .sum()
+        };
+        let norm = (0..columns.len()).map(sum).fold(0.0_f64, f64::max);
+        let factors = SparseLu::new(Analysis::new(&scaled)?, &scaled, stop)?;
+        Ok(factors.map(|lu| Self {
+            factors: Factors::Sparse(Box::new(lu)),
+            rows,
+            columns,
+            norm,
+        }))
+    }
+
     /// Factors a matrix given by rows, with the sizes of its rows and the scales of its columns;
     /// `None` if it is singular.
     pub(super) fn new(
@@ -74,7 +132,7 @@ impl Conditioned {
         let norm = sums.map(|row| row.iter().map(|x| x.abs()).sum::<f64>());
         let norm = norm.fold(0.0_f64, f64::max);
         Ok(Lu::new(matrix, n, stop)?.map(|lu| Self {
-            lu,
+            factors: Factors::Dense(lu),
             rows,
             columns,
             norm,
@@ -84,14 +142,14 @@ impl Conditioned {
     /// `x ← M⁻¹ x`.
     pub(super) fn solve(&self, x: &mut [f64]) {
         multiply(x, &self.rows);
-        self.lu.solve(x);
+        self.factors.solve(x, false);
         multiply(x, &self.columns);
     }
 
     /// `x ← M⁻ᵀ x`.
     pub(super) fn solve_transposed(&self, x: &mut [f64]) {
         multiply(x, &self.columns);
-        self.lu.solve_transposed(x);
+        self.factors.solve(x, true);
         multiply(x, &self.rows);
     }
 
@@ -100,7 +158,7 @@ impl Conditioned {
     pub(super) fn reciprocal_condition(&self) -> f64 {
         /// The estimate is rarely more than three times too small then.
         const STEPS: usize = 2;
-        let n = self.lu.order();
+        let n = self.columns.len();
         if n == 0 {
             return 1.0;
         }
@@ -109,7 +167,7 @@ impl Conditioned {
         let mut largest = 0.0_f64;
         for _ in 0..STEPS {
             // The 1-norm of M⁻ᵀ is the norm of rows of M⁻¹.
-            self.lu.solve_transposed(&mut x);
+            self.factors.solve(&mut x, true);
             let sum: f64 = x.iter().map(|x| x.abs()).sum();
             if !sum.is_finite() {
                 return 0.0;
@@ -119,7 +177,7 @@ impl Conditioned {
             }
             largest = sum;
             let mut signs: Vec<f64> = x.iter().map(|x| 1.0_f64.copysign(*x)).collect();
-            self.lu.solve(&mut signs);
+            self.factors.solve(&mut signs, false);
             let at = (0..n).max_by(|&i, &j| signs[i].abs().total_cmp(&signs[j].abs()));
             x.fill(0.0);
             x[at.unwrap_or_default()] = 1.0;
@@ -141,9 +199,8 @@ impl TangentSystem {
         laws: &[ClosedLaw<D>],
         stop: &AtomicBool,
     ) -> Result<Option<Self>, Error> {
-        let modes = problem.rigid.modes.columns();
+        let modes = &problem.rigid.modes;
         let n = D * laws.len() + modes.len();
-        memory::check("the tangent system", 8 * (n as u128).pow(2))?;
         let scaling = &problem.scaling;
         let (mut sizes, mut columns) = (Vec::with_capacity(n), Vec::with_capacity(n));
         for law in laws {
@@ -154,26 +211,49 @@ impl TangentSystem {
                 columns.push(1.0 / to_r);
             }
         }
-        for mode in &modes {
-            let terms = |to: &[f64]| {
-                let of_law = |law: &ClosedLaw<D>| {
-                    let motion = Vector::from(mode[law.position]);
-                    motion.amax() * to[law.position]
-                };
-                laws.iter().map(of_law).fold(0.0_f64, f64::max)
-            };
-            columns.push(inverse(terms(&scaling.to_v)));
-            let over_r: Vec<f64> = scaling.to_r.iter().map(|s| 1.0 / s).collect();
-            sizes.push(terms(&over_r));
+        let mut largest = vec![[0.0_f64; 2]; modes.len()];
+        for law in laws {
+            let i = law.position;
+            for (c, motion) in modes.at(i) {
+                let size = Vector::from(*motion).amax();
+                let [over_v, over_r] = largest[c];
+                largest[c] = [
+                    over_v.max(size * scaling.to_v[i]),
+                    over_r.max(size / scaling.to_r[i]),
+                ];
+            }
         }
-        let made = Conditioned::new(matrix(problem, laws), sizes, columns, stop)?;
+        columns.extend(largest.iter().map(|[over_v, _]| inverse(*over_v)));
+        sizes.extend(largest.iter().map(|[_, over_r]| over_r));
+        let row = block_rows(problem, laws);
+        if n > 0 && problem.compliance.is_sparse() {
+            let blocks = Blocks::from_rows(laws.len() + modes.len().div_ceil(D), &row);
+            // Rows are exchanged within fronts only: singular may mean that others are needed.
+            let made = Conditioned::sparse(&blocks, sizes.clone(), columns.clone(), stop)?;
+            if let Some(conditioned) = made {
+                return Ok(Some(Self { conditioned }));
+            }
+        }
+        memory::check("the tangent system", 8 * (n as u128).pow(2))?;
+        let mut matrix = pages::zeros(n * n);
+        let fill = |i: usize, out: &mut [f64]| {
+            row(i, &mut |j, block| {
+                for (k, out) in out.chunks_exact_mut(n).enumerate() {
+                    for l in 0..D.min(n - D * j) {
+                        out[D * j + l] += block[(k, l)];
+                    }
+                }
+            });
+        };
+        tasks::for_each_together(matrix.chunks_mut((D * n).max(1)), 16, fill);
+        let made = Conditioned::new(matrix, sizes, columns, stop)?;
         Ok(made.map(|conditioned| Self { conditioned }))
     }
 }
 
 impl FactoredTangent for TangentSystem {
     fn order(&self) -> usize {
-        self.conditioned.lu.order()
+        self.conditioned.columns.len()
     }
 
     fn solve(&self, x: &mut [f64]) {
@@ -199,44 +279,46 @@ fn multiply(x: &mut [f64], factors: &[f64]) {
     }
 }
 
-/// Rows of the matrix.
-fn matrix<const D: usize>(problem: &Reduced<D>, laws: &[ClosedLaw<D>]) -> Vec<f64> {
-    let modes = problem.rigid.modes.columns();
-    let contact = D * laws.len();
-    let n = contact + modes.len();
-    let mut matrix = pages::zeros(n * n);
-    if n == 0 {
-        return matrix;
+/// The matrix by rows of blocks, `row(i, add)`: closed contacts, then the rigid motions in blocks of `D`,
+/// the last filled with ones on the diagonal.
+fn block_rows<'a, const D: usize>(
+    problem: &'a Reduced<D>,
+    laws: &'a [ClosedLaw<D>],
+) -> impl Fn(usize, &mut dyn FnMut(usize, Block<D>)) + Sync + 'a {
+    let (modes, closed) = (&problem.rigid.modes, laws.len());
+    let mut place = vec![None; problem.contacts()];
+    let mut moved = vec![Vec::new(); modes.len().div_ceil(D)];
+    for (i, law) in laws.iter().enumerate() {
+        place[law.position] = Some(i);
+        for (c, motion) in modes.at(law.position) {
+            let of_row = |k: usize| if k == c % D { 1.0 } else { 0.0 };
+            moved[c / D].push((i, Block::from_fn(|k, l| of_row(k) * motion[l])));
+        }
     }
-    let (of_laws, balance) = matrix.split_at_mut(contact * n);
-    let of_contact = |i: usize, out: &mut [f64]| {
+    move |i, add| {
+        if let Some(block) = i.checked_sub(closed) {
+            moved[block].iter().for_each(|(j, b)| add(*j, *b));
+            let beyond = |k: usize| D * block + k >= modes.len();
+            add(
+                i,
+                Block::from_fn(|k, l| if k == l && beyond(k) { 1.0 } else { 0.0 }),
+            );
+            return;
+        }
         let law = &laws[i];
-        for (j, other) in laws.iter().enumerate() {
-            let w = problem.compliance.pair(law.position, other.position);
-            let mut block = law.by_v * w;
-            if i == j {
-                block += law.by_r;
+        problem.compliance.row_blocks(law.position, &mut |j, w| {
+            if let Some(j) = place[j] {
+                add(j, law.by_v * w);
             }
-            for k in 0..D {
-                for l in 0..D {
-                    out[k * n + D * j + l] = block[(k, l)];
-                }
-            }
-        }
-        for (c, mode) in modes.iter().enumerate() {
-            let motion = law.by_v * Vector::from(mode[law.position]);
-            for k in 0..D {
-                out[k * n + contact + c] = motion[k];
-            }
-        }
-    };
-    tasks::for_each_together(of_laws.chunks_mut(D * n), 16, of_contact);
-    for (mode, out) in modes.iter().zip(balance.chunks_exact_mut(n)) {
-        for (j, law) in laws.iter().enumerate() {
-            for l in 0..D {
-                out[D * j + l] = mode[law.position][l];
-            }
+        });
+        add(i, law.by_r);
+        for (c, motion) in modes.at(law.position) {
+            let motion = law.by_v * Vector::from(*motion);
+            let of_column = |l: usize| if l == c % D { 1.0 } else { 0.0 };
+            add(
+                closed + c / D,
+                Block::from_fn(|k, l| motion[k] * of_column(l)),
+            );
         }
     }
-    matrix
 }

@@ -7,7 +7,7 @@ use crate::law::second_order::{NesterovTodd, quotient};
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
-use crate::linalg::sparse::sparse_lu::SparseLu;
+use crate::linalg::sparse::sparse_lu::{Analysis, SparseLu};
 use crate::solver::interior::system::{Missed, System};
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::compliance_form::sparse_cost;
@@ -133,7 +133,7 @@ impl<'p, const D: usize> System<'p, D> {
 }
 
 enum Factorisation<'w> {
-    Sparse(SparseLu<'w>),
+    Sparse(SparseLu<&'w Analysis>),
     Dense(Lu),
 }
 

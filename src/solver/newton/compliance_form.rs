@@ -14,7 +14,7 @@ use crate::linalg::gmres;
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
-use crate::linalg::sparse::sparse_lu::SparseLu;
+use crate::linalg::sparse::sparse_lu::{Analysis, SparseLu};
 use crate::reduced::compliance::Whole;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
@@ -346,7 +346,7 @@ enum ContactInverse<'w, const D: usize> {
     /// The inverses of the diagonal blocks.
     Contacts(Vec<Block<D>>),
     /// The factors of the whole matrix.
-    Factors(SparseLu<'w>),
+    Factors(SparseLu<&'w Analysis>),
 }
 
 impl<'w, const D: usize> ContactInverse<'w, D> {
