@@ -18,8 +18,7 @@
 //! *Floating* are bodies that only contact holds; *many* contacts have a sparse `W`. Any stage
 //! ends the method at a solution or a limit of the caller: the monitor checks each point. If the
 //! rounds improve nothing for 5000 iterations, [`solve`](crate::solver::solve::solve) tries the
-//! statuses of all plane contacts that can be enumerated, then projections from zero
-//! (`fallback.rs`).
+//! statuses of all plane contacts that can be enumerated (`fallback.rs`).
 //!
 //! Decisions count work in products with `W`, not time, so that runs repeat bit for bit.
 

@@ -1,5 +1,5 @@
 //! Steps after a method: trying all statuses of a few contacts, which may confirm, withdraw or
-//! find a solution; and projections as the last resort.
+//! find a solution.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -9,7 +9,7 @@ use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::Certificate;
 use crate::solver::enumerate;
 use crate::solver::outcome::Outcome;
-use crate::solver::settings::{Method, Settings};
+use crate::solver::settings::Settings;
 use crate::solver::solution::Solution;
 use crate::solver::tuning;
 
@@ -66,46 +66,6 @@ pub(super) fn try_statuses<const D: usize>(
             solution.outcome = Outcome::Converged;
             return Ok(());
         }
-    }
-    Ok(())
-}
-
-/// Projections from zero, if every method has stalled. They may still converge slowly: they
-/// need no regular matrix and no statuses.
-pub(super) fn project_from_zero<const D: usize>(
-    problem: &Reduced<D>,
-    settings: &Settings,
-    solution: &mut Solution<D>,
-    solve: impl Fn(&Settings) -> Result<Solution<D>, Error>,
-) -> Result<(), Error> {
-    let affordable = tuning::fallback_operations() / problem.compliance.entries().max(1);
-    for method in [Method::Nesterov, Method::Uzawa] {
-        let left = settings.max_iterations.saturating_sub(solution.iterations);
-        let seconds = settings.max_seconds - solution.seconds;
-        let max_iterations = left.min(tuning::fallback_products()).min(affordable);
-        if max_iterations == 0 || seconds <= 0.0 {
-            return Ok(());
-        }
-        let slow = Settings {
-            method,
-            max_iterations,
-            max_seconds: seconds,
-            ..*settings
-        };
-        let mut found = solve(&slow)?;
-        found.iterations += solution.iterations;
-        found.work += solution.work;
-        found.seconds += solution.seconds;
-        if found.outcome == Outcome::Converged {
-            let earlier = std::mem::take(&mut solution.history);
-            let offset = earlier.last().map_or(0.0, |row| row.0);
-            let later = found.history.iter().map(|row| (row.0 + offset, row.1));
-            found.history = earlier.into_iter().chain(later).collect();
-            *solution = found;
-            return Ok(());
-        }
-        (solution.iterations, solution.work) = (found.iterations, found.work);
-        solution.seconds = found.seconds;
     }
     Ok(())
 }

@@ -12,9 +12,7 @@ use crate::reduced::runaway::runaway;
 use crate::solver::at_rest;
 use crate::solver::auto;
 use crate::solver::enumerate;
-use crate::solver::fallback::{
-    may_hide_openings, project_from_zero, try_statuses, withdraw_if_none,
-};
+use crate::solver::fallback::{may_hide_openings, try_statuses, withdraw_if_none};
 use crate::solver::gauss_seidel;
 use crate::solver::monitor::{Monitor, Progress};
 use crate::solver::newton::newton;
@@ -140,11 +138,6 @@ pub fn solve_watched<const D: usize>(
     }
     if auto && solution.outcome == Outcome::Stalled {
         try_statuses(problem, settings, &mut solution, stop)?;
-    }
-    if auto && solution.outcome == Outcome::Stalled {
-        project_from_zero(problem, settings, &mut solution, |slow| {
-            solve_watched(problem, slow, &Start::default(), stop, progress)
-        })?;
     }
     let open = !matches!(
         solution.outcome,

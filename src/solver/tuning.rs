@@ -40,10 +40,6 @@ fitted! {
     quick_contacts: usize = 7;
     /// Factor of the tolerance: a pressure above this share of the loads is visible.
     visible_pressure: f64 = 100.0;
-    /// Limits of this work: products for small matrices; additions and multiplications for large
-    /// ones.
-    fallback_products: usize = 20_000;
-    fallback_operations: usize = 10_000_000_000;
 
     // monitor.rs
     /// Iterations without a better point after which a solver has stalled.

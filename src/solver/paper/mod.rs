@@ -1,5 +1,5 @@
 //! The methods of the paper, and those that it is compared with. The default method needs none of
-//! them, except projections as its last resort.
+//! them.
 
 pub mod multipliers;
 pub mod pivoting;
