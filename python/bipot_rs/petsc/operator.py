@@ -118,9 +118,10 @@ class Operator:
 
     def set_known(self, tangent: _core.ContactTangent, x: PetscVec) -> None:
         """Set the held places to their known values, and prescribed rows to zero."""
-        x.array[self.fixed] = 0.0
+        # The places have the variables of the contacts, among which others are prescribed.
         places = self.interface.gather(x)
         tangent.clear(places)
+        x.array[self.fixed] = 0.0
         self.interface.write(places + tangent.known, x)
 
     def make_right_side(self, tangent: _core.ContactTangent, e: PetscVec) -> PetscVec:

@@ -176,6 +176,12 @@ SCENES = {
     )
     + '[[traction]]\non = "block.top"\ny = { value = 4.0, amplitude = "shear" }\n'
     + '[path]\nparameter = "shear"\n[path.amplitude]\nshear = [0.0, 0.0, 0.5, 1.0]\n',
+    # Contact nodes of an edge are held along a tangent, and contact alone holds the block.
+    "held edge": BOX.format(cell="hexahedron", order=1)
+    + ON_A_PLANE
+    + '[[support]]\non = "block.left"\ny = 0.0\n[[traction]]\non = "block.top"\nz = -80.0\n'
+    + 'x = { value = 20.0, amplitude = "shear" }\n[path]\nparameter = "shear"\n'
+    + "[path.amplitude]\nshear = [0.0, 0.6, 1.0]\n",
     "remote point": BOX.format(cell="hexahedron", order=1)
     + SHEARED.replace("[[support]]\non", "[remote.top]\non").replace(
         'x = { value = 0.002, amplitude = "shear" }\ny = 0.0\nz = -0.001\n',

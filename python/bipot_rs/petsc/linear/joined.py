@@ -107,8 +107,8 @@ class JoinedBodies(Preconditioner):
     def _clear_held(self, x: PetscVec) -> None:
         """Set the places to zero that the hierarchy holds, and prescribed rows."""
         interface = self._operator.interface
-        x.array[self._operator.fixed] = 0.0
         places = interface.gather(x)
+        x.array[self._operator.fixed] = 0.0
         places[self._held] = 0.0
         interface.write(places, x)
 
