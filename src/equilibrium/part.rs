@@ -10,6 +10,12 @@ use crate::linalg::small::norm;
 /// reactions, all of them allowed, and a proof counts all of it.
 const MOST_COHESION: f64 = 1e6;
 
+/// A component of a motion at a contact below this share of its length there is rounding, of turned
+/// frames and of motions made orthogonal. A programme takes any such normal component of a motion
+/// along a plane without friction for something that reactions must balance. What is checked,
+/// reactions and proofs, is checked with it.
+const TURNED: f64 = 1e-13;
+
 /// A contact in the programme.
 struct Cone {
     /// Its unknowns, the first of them and their number: one without friction.
@@ -69,10 +75,14 @@ impl<'a> Part<'a> {
             load: scaled.iter().map(|e| e / force).collect(),
             force,
         };
+        let mut moved = vec![0.0_f64; motions.len()];
         for &contact in contacts {
             let mu = statics.largest_friction(contact);
             let cohesion = statics.cohesion[contact];
             let rows = statics.first[contact]..statics.first[contact + 1];
+            for (j, value) in rows.clone().flat_map(|row| statics.row(row)) {
+                moved[place[j]] = moved[place[j]].hypot(value);
+            }
             let count = if statics.rubs(contact) { rows.len() } else { 1 };
             let length = mu.hypot(1.0);
             part.cones.push(Cone {
@@ -81,19 +91,22 @@ impl<'a> Part<'a> {
                 edge: [1.0 / length, mu / length],
                 cohesion: (cohesion > 0.0).then(|| cohesion / length / force),
             });
-            for row in rows.take(count) {
+            for row in rows.clone().take(count) {
                 let normal = row == statics.first[contact];
                 let factor = if normal || mu == 0.0 {
                     1.0
                 } else {
                     statics.friction[row] / mu
                 };
-                let of_row = statics.row(row).map(|(j, value)| {
-                    let number = place[j];
-                    (number, value * factor / part.lengths[number])
-                });
-                part.entries.push(of_row.collect());
+                let of_row = statics.row(row).map(|(j, value)| (place[j], value));
+                let of_row = of_row.filter(|&(number, value)| value.abs() > TURNED * moved[number]);
+                let scaled =
+                    of_row.map(|(number, value)| (number, value * factor / part.lengths[number]));
+                part.entries.push(scaled.collect());
                 part.component.push((row, factor));
+            }
+            for (j, _) in rows.flat_map(|row| statics.row(row)) {
+                moved[place[j]] = 0.0;
             }
         }
         part
