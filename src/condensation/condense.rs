@@ -23,6 +23,7 @@ use crate::condensation::surface::{Share, Surface};
 use crate::condensation::tuning;
 use crate::error::Error;
 use crate::law::contact_law::{self, ContactLaw};
+use crate::linalg::small::{TURNED, norm};
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::compliance::Compliance;
@@ -351,6 +352,10 @@ impl<const D: usize> Condensed<D> {
             let mut mode = vec![[0.0; D]; self.contacts()];
             let body = &self.bodies.list[b];
             self.surface.shares[b].add_motion(body, k, 1.0, mode.as_flattened_mut());
+            for moved in &mut mode {
+                let least = TURNED * norm(moved);
+                *moved = moved.map(|c| if c.abs() <= least { 0.0 } else { c });
+            }
             mode
         };
         self.bodies.motions().iter().map(of_motion).collect()

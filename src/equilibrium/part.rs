@@ -4,17 +4,11 @@
 use crate::equilibrium::programme::{End, Limits, NEAR_ROUNDING, Programme};
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
-use crate::linalg::small::norm;
+use crate::linalg::small::{TURNED, norm};
 
 /// Cohesion above this many times the loads hides them from a programme; less of it leaves fewer
 /// reactions, all of them allowed, and a proof counts all of it.
 const MOST_COHESION: f64 = 1e6;
-
-/// A component of a motion at a contact below this share of its length there is rounding, of turned
-/// frames and of motions made orthogonal. A programme takes any such normal component of a motion
-/// along a plane without friction for something that reactions must balance. What is checked,
-/// reactions and proofs, is checked with it.
-const TURNED: f64 = 1e-13;
 
 /// A contact in the programme.
 struct Cone {
@@ -99,6 +93,8 @@ impl<'a> Part<'a> {
                     statics.friction[row] / mu
                 };
                 let of_row = statics.row(row).map(|(j, value)| (place[j], value));
+                // A programme takes rounding for something that reactions must balance. What is
+                // checked, reactions and proofs, is checked with it.
                 let of_row = of_row.filter(|&(number, value)| value.abs() > TURNED * moved[number]);
                 let scaled =
                     of_row.map(|(number, value)| (number, value * factor / part.lengths[number]));

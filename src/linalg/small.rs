@@ -39,6 +39,10 @@ pub fn minus_scaled<const D: usize>(a: &[f64; D], s: f64, b: &[f64; D]) -> [f64;
 const LEAST: f64 = 1e-280;
 const MOST: f64 = 1e280;
 
+/// A component of a motion at a contact below this share of its length there is rounding: of turned
+/// frames, and of motions that were made orthogonal.
+pub const TURNED: f64 = 1e-13;
+
 /// Euclidean norm of a long vector. If squares are outside the range of doubles, the vector is
 /// first divided by its largest number: a vector that is not zero has a length.
 pub fn norm(a: &[f64]) -> f64 {

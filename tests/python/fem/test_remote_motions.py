@@ -55,7 +55,8 @@ class Model:
 
 
 @pytest.mark.parametrize("seed", range(320))
-@pytest.mark.quick_variants(*map(str, range(20)))
+# In 295 and 312 the motion along the plane is turned by rounding.
+@pytest.mark.quick_variants(*map(str, range(20)), "295", "312")
 def test_the_motions_of_remotes(seed: int) -> None:
     it = Model(np.random.default_rng(seed), 60 if seed >= 20 and seed % 2 else 40)
     problem = it.model.problem(engine="direct")
