@@ -267,14 +267,11 @@ fn bodies_in<'py, const D: usize>(
     let found = of_rows!(stiffness, by_node, k => {
         interrupt::run(py, num_threads, |_| inspect(&k, places))?
     });
-    bodies_output(py, found)
+    Ok(bodies_output(py, found))
 }
 
-pub(super) fn bodies_output<const D: usize>(
-    py: Python<'_>,
-    found: Bodies<D>,
-) -> PyResult<BodiesOutput<'_>> {
-    Ok((
+pub(super) fn bodies_output<const D: usize>(py: Python<'_>, found: Bodies<D>) -> BodiesOutput<'_> {
+    (
         arrays::from_vec(py, found.outward),
         PyArray1::from_vec(py, found.body),
         arrays::from_vec(py, found.work),
@@ -282,7 +279,7 @@ pub(super) fn bodies_output<const D: usize>(
         arrays::from_rows(py, &found.high),
         PyArray1::from_vec(py, found.all),
         PyArray1::from_vec(py, found.free),
-    ))
+    )
 }
 
 #[pyfunction]

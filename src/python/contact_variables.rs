@@ -281,7 +281,7 @@ impl PyContactVariables {
     }
 
     #[getter]
-    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
+    fn diagonal<'py>(&self, py: Python<'py>) -> NewMatrix<'py> {
         for_either!(&self.kind, inner => {
             from_contacts(py, inner, &diagonal(&inner.interface.contacts, &inner.factors()))
         })
@@ -292,7 +292,7 @@ impl PyContactVariables {
         for_either!(&self.kind, inner => {
             arrays::length("prescribed", prescribed.len(), inner.fixed)?;
             let v = offsets(&inner.interface.contacts, &inner.factors(), prescribed);
-            from_contacts(py, inner, &v)
+            Ok(from_contacts(py, inner, &v))
         })
     }
 
@@ -300,7 +300,7 @@ impl PyContactVariables {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.places())?;
         for_either!(&self.kind, inner => {
-            from_contacts(py, inner, &moved(&inner.interface.contacts, &inner.factors(), y))
+            Ok(from_contacts(py, inner, &moved(&inner.interface.contacts, &inner.factors(), y)))
         })
     }
 
@@ -351,8 +351,8 @@ fn from_contacts<'py, const D: usize>(
     py: Python<'py>,
     _: &InterfaceVariables<D>,
     values: &[f64],
-) -> PyResult<NewMatrix<'py>> {
-    Ok(arrays::from_rows(py, values.as_chunks::<D>().0))
+) -> NewMatrix<'py> {
+    arrays::from_rows(py, values.as_chunks::<D>().0)
 }
 
 /// The system of one Newton step in either dimension.

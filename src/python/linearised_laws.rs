@@ -123,7 +123,7 @@ impl PyLinearisedLaws {
             let frames = &inner.interface.contacts.frames;
             inner.laws.reactions(frames, s.as_chunks_mut().0, g, (dy, moved));
             self.scale(&mut s);
-            rows_of_laws(py, inner, &s)
+            Ok(rows_of_laws(py, inner, &s))
         })
     }
 
@@ -159,7 +159,7 @@ impl PyLinearisedLaws {
         let mut moved = self.at_places("moved", &moved)?.to_vec();
         for_either!(&self.kind, inner => {
             inner.laws.multipliers(rho.as_chunks_mut().0, e, z, &mut moved);
-            rows_of_laws(py, inner, &rho)
+            Ok(rows_of_laws(py, inner, &rho))
         })
     }
 }
@@ -192,6 +192,6 @@ fn rows_of_laws<'py, const D: usize>(
     py: Python<'py>,
     _: &InterfaceLaws<D>,
     values: &[f64],
-) -> PyResult<NewMatrix<'py>> {
-    Ok(arrays::from_rows(py, values.as_chunks::<D>().0))
+) -> NewMatrix<'py> {
+    arrays::from_rows(py, values.as_chunks::<D>().0)
 }

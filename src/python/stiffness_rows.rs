@@ -74,6 +74,6 @@ impl PyStiffnessRows {
             }
             .into());
         }
-        bodies_output(py, inspected.bodies(places, true))
+        Ok(bodies_output(py, inspected.bodies(places, true)))
     }
 }

@@ -417,6 +417,7 @@ fn each<const D: usize>(y: &mut [[f64; D]], of: impl Fn(usize) -> [f64; D] + Syn
 fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
     /// Rows and columns in one tile: both sides of the diagonal stay in the cache.
     const TILE: usize = 32;
+    #[expect(clippy::float_cmp, reason = "symmetric to the bit is what is asked")]
     let tile_is_symmetric = |i: usize, j: usize| {
         let row_is_symmetric =
             |a: usize| (j..(j + TILE).min(a)).all(|b| matrix[a * m + b] == matrix[b * m + a]);

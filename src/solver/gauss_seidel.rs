@@ -267,7 +267,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         let mut changed = false;
         let scaling = &self.problem.scaling;
         let mut motion = point.motion();
-        for i in 0..point.r.len() {
+        for (i, last) in statuses.iter_mut().enumerate() {
             let r = point.r[i];
             let block = &self.blocks[i];
             let v = self.with_rigid(i, &point.v[i], &motion);
@@ -284,7 +284,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             // No solution with the other reactions fixed: make one projection.
             let project = || law_step(&r, &v, scaling.to_v[i] / scaling.to_r[i], law);
             let (next, status) = solved.unwrap_or_else(project);
-            changed |= std::mem::replace(&mut statuses[i], status) != status;
+            changed |= std::mem::replace(last, status) != status;
             let dr: [f64; D] = std::array::from_fn(|k| next[k] - r[k]);
             if dr.iter().all(|&c| c == 0.0) {
                 continue;

@@ -60,7 +60,9 @@ fn lu_small(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize) {
         }
         let (done, right) = panel.split_at_mut((k + 1) * n);
         let (head, below) = done[k * n + first..].split_at_mut(k + 1);
-        below.iter_mut().for_each(|l| *l /= head[k]);
+        for l in below.iter_mut() {
+            *l /= head[k];
+        }
         for column in right.chunks_exact_mut(n) {
             let (head, rest) = column[first..].split_at_mut(k + 1);
             for (x, l) in rest.iter_mut().zip(&*below) {
