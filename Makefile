@@ -49,15 +49,12 @@ demo: $(STAMP) ## install, solve the scene sheared_cube, write table, picture an
 .PHONY: test
 test: checks $(STAMP) ## install, then every check: Rust, Python, types, documents
 	# A compilation ends on one core, and mypy never uses more.
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync=line rust-test python-all
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync=target rust-test python-checks
+	@$(MAKE) --no-print-directory python-test
 
 .PHONY: python-checks
 python-checks:
 	@$(MAKE) --no-print-directory python-lint types
-
-.PHONY: python-all
-python-all: python-checks
-	@$(MAKE) --no-print-directory python-test
 
 # The dependencies are those of `make demo`, compiled once; our own crate is compiled with
 # checks of overflow and assertions. clippy compiles it, so that linting costs nothing more.
@@ -109,7 +106,7 @@ mpi-test: $(STAMP) ## install PETSc and MPI if they are missing (Debian, Ubuntu)
 $(MPI_STAMP): $(STAMP) .ci/petsc
 	/usr/bin/python3 -m venv --clear --system-site-packages $(MPI_VENV)
 	$(MPI_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'numpy<2' \
-		scipy h5py 'scikit-fem>=12' 'meshio>=5.3.5' 'argcomplete>=3.1' 'rich>=14' 'pydantic>=2.10' 'tomli-w>=1.1' 'matplotlib>=3.9'
+		'scipy>=1.11' h5py 'scikit-fem>=12' 'meshio>=5.3.5' 'argcomplete>=3.1' 'rich>=14' 'pydantic>=2.10' 'tomli-w>=1.1' 'matplotlib>=3.9'
 	cp -r $(VENV)/lib/python3*/site-packages/bipot_rs-*.dist-info $(MPI_VENV)/lib/python3*/site-packages/
 	echo '$(CURDIR)/python' > $$(echo $(MPI_VENV)/lib/python3*/site-packages)/bipot_rs.pth
 	@touch $@

@@ -396,8 +396,8 @@ fn fails_without_an_answer<const D: usize>() {
     assert_eq!(solution.outcome, Outcome::Stalled);
     assert_eq!(solution.statuses_tried, 0);
     assert!(solution.residual > 1e-2);
-    // 5000 iterations without progress, then as many again or more of each projection.
-    assert!(solution.iterations > 10_000, "{}", solution.iterations);
+    // So many sweeps and Newton steps without progress are made before it gives up.
+    assert!(solution.iterations > 5_000, "{}", solution.iterations);
 }
 
 #[test]

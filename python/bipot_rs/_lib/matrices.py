@@ -34,6 +34,6 @@ def rigid_motions(arm: Floats, reach: float = 1.0) -> Floats:
 
 
 def diagonal_matrix(values: Floats) -> CsrMatrix:
-    """CSR array with ``values (n,)`` on its diagonal; SciPy has `diags_array` since 1.11."""
-    diagonal: CsrMatrix = sparse.csr_array(sparse.diags(values))
+    """CSR array with ``values (n,)`` on its diagonal."""
+    diagonal: CsrMatrix = sparse.csr_array(sparse.diags_array(values))
     return diagonal

@@ -66,7 +66,7 @@ def test_from_python_through_a_file(
 
 def test_from_the_result_of_an_error(tmp_path: Path) -> None:
     problem, load = bar_problem(12)
-    path = pulled(load, 30 * np.sin(0.6 * np.arange(9)))
+    path = pulled(load, 30 * np.sin(0.3 * np.arange(9)))
     whole = problem.solve(path)
     # Enough iterations for the first three steps, but not for one of the others.
     limit = int(whole.iterations[:3].max())

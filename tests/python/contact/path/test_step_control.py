@@ -151,7 +151,7 @@ def test_a_step_that_does_not_converge_is_halved() -> None:
         return now
 
     # One step from the pressed bar needs more iterations than allowed.
-    limit = 8
+    limit = 12
     pressed = problem.solve(at(0.0))
     with pytest.raises(bp.NotConvergedError):
         problem.solve(at(1.0), start=pressed, max_iterations=limit)

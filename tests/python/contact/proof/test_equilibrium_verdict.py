@@ -387,18 +387,19 @@ def test_many_blocks_follow_a_free_displacement_that_is_rigid(
 
 
 def test_a_limit_of_time_is_one_for_all_groups() -> None:
-    # Forty towers are as many programmes, each far shorter than a quarter of all.
+    # Forty towers are as many programmes: a sixteenth of the time ends within the first three,
+    # also if the machine was slower while it was measured.
     problem = towers(40, 20, 9.0)
     seconds = []
     for _ in range(3):
         start = perf_counter()
         assert problem.equilibrium().verdict == "balanced"
         seconds.append(perf_counter() - start)
-    quarter = min(seconds) / 4
-    found = problem.equilibrium(max_seconds=quarter)
+    part = min(seconds) / 16
+    found = problem.equilibrium(max_seconds=part)
     assert found.verdict == "undecided"
     assert found.motion is None
-    assert str(problem.solve(max_seconds=quarter).outcome) == "time_limit"
+    assert str(problem.solve(max_seconds=part).outcome) == "time_limit"
 
 
 @pytest.mark.parametrize(

@@ -185,9 +185,9 @@ def test_the_estimate_includes_the_error_of_K(height: float) -> None:
             )
         )
     largest = np.max(moved, axis=0)
-    # Both are samples of rounding: its effect in all entries together and, where all but
-    # rounding lies flat, its effect on reactions.
-    assert (largest <= 4 * np.maximum(estimate, 1e-13)).all(), (largest, estimate)
+    # Both are samples of rounding, within a decade: its effect in all entries together and,
+    # where all but rounding lies flat, its effect on reactions.
+    assert (largest <= 10 * np.maximum(estimate, 1e-13)).all(), (largest, estimate)
     assert (largest >= 1e-5 * np.array(estimate)).all(), (largest, estimate)
 
 
