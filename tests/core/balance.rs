@@ -390,3 +390,17 @@ fn gaps_that_sum_to_zero_but_for_rounding_are_no_contradiction() {
         assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
     }
 }
+
+#[test]
+fn an_overlap_that_a_motion_opens_is_no_contradiction() {
+    // λ·v = λ·q + λ·(R a): the sum is only fixed if the motion is along the walls.
+    for (mode, proof) in [([1.0, 0.0], false), ([0.0, 1.0], true)] {
+        let compliance = normal_compliance([[0.0; 2]; 2]);
+        let rigid = Rigid {
+            modes: vec![vec![mode; 2]].into(),
+            load: vec![0.0],
+        };
+        let problem = coulomb(&compliance, &[[-1.0, 0.0]; 2], &[0.0; 2], &rigid);
+        assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
+    }
+}
