@@ -48,8 +48,8 @@ demo: $(STAMP) ## install, solve the scene sheared_cube, write table, picture an
 
 .PHONY: test
 test: checks $(STAMP) ## install, then every check: Rust, Python, types, documents
-	# A compilation ends on one core, and mypy never uses more.
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync=target rust-test python-checks
+	# A compilation ends on one core, mypy never uses more, and pip waits for the network.
+	@$(MAKE) --no-print-directory --jobs 3 --output-sync=target rust-test python-checks $(MPI_READY)
 	@$(MAKE) --no-print-directory python-test
 
 .PHONY: python-checks

@@ -42,6 +42,7 @@ def test_three_ranks_of_a_plane_body(tmp_path: Path) -> None:
     mpi.compare(parallel, mpi.solve_directly(arrays_of_model, **path))
 
 
+@pytest.mark.slow
 def test_two_friction_coefficients(tmp_path: Path) -> None:
     arrays_of_model, path = mpi.of_model(
         pressed(5, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0])
@@ -50,6 +51,7 @@ def test_two_friction_coefficients(tmp_path: Path) -> None:
     mpi.compare(parallel, mpi.solve_directly(arrays_of_model, **path))
 
 
+@pytest.mark.slow_variants("0.0")
 @pytest.mark.parametrize("beta", [0.0, 0.1])
 def test_cohesion_that_breaks(beta: float, tmp_path: Path) -> None:
     """A block is sheared, lifted at one side and pressed again."""
@@ -88,6 +90,7 @@ def test_without_coordinates(tmp_path: Path) -> None:
     mpi.compare(parallel, expected)
 
 
+@pytest.mark.slow_variants("10000")
 @pytest.mark.parametrize("gather", [0, 10_000])
 def test_a_motion_without_energy(gather: int, tmp_path: Path) -> None:
     """Nothing resists a motion along x: all else is determined."""

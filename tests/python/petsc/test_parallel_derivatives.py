@@ -93,6 +93,7 @@ def both(folder: Path, ranks: int, known: dict[str, Any], **path: Any) -> None:
     compare(found, result, given)
 
 
+@pytest.mark.slow
 def test_a_path_in_space_with_slip(tmp_path: Path) -> None:
     known, prescribed = arrays(5)
     both(tmp_path, 2, known, prescribed=prescribed)
@@ -103,6 +104,7 @@ def test_a_plane_body_on_three_ranks(tmp_path: Path) -> None:
     both(tmp_path, 3, known, **path)
 
 
+@pytest.mark.slow
 def test_two_friction_coefficients(tmp_path: Path) -> None:
     known, path = mpi.of_model(pressed(4, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0]))
     both(tmp_path, 2, known, **path)
@@ -115,6 +117,7 @@ def test_cohesion_and_dilatancy(tmp_path: Path) -> None:
     both(tmp_path, 2, known | law, prescribed=prescribed)
 
 
+@pytest.mark.slow_variants("on_springs")
 @pytest.mark.parametrize("model", [floating, on_springs])
 def test_bodies_that_contact_or_springs_hold(model: Any, tmp_path: Path) -> None:
     known, path = mpi.of_model(model())
@@ -126,6 +129,7 @@ def test_joined_bodies_by_mortar(tmp_path: Path) -> None:
     both(tmp_path, 2, known, prescribed=prescribed)
 
 
+@pytest.mark.slow
 def test_contacts_that_just_touch(tmp_path: Path) -> None:
     """A block that is moved by its clearance: all contacts are on a border."""
     known, path = mpi.of_model(pressed(4, dim=2))
