@@ -348,6 +348,8 @@ class PreparedStiffness:
             self._choice = name, "it solved the step that the path continues from"
         else:
             self._choice = self._choose(steps)
+            if options.engine == "auto" and self._condenses_sooner(iterative):
+                self._choice = "direct", "most contacts have no node of their own"
         if self._choice[0] == "direct":
             return self.make_direct()
         self._tell_iterative()
@@ -581,6 +583,17 @@ class PreparedStiffness:
         if name == "auto" and given:
             return "direct", "loads or working_set is given"
         return name, why
+
+    def _condenses_sooner(self, iterative: Iterative) -> bool:
+        """Whether most contacts are copies, as of mortar of second order, and the factor fits.
+
+        Their statuses may not settle: 7,098 unknowns took 15 s until the direct engine, which
+        takes 0.1 s, had the step.
+        """
+        count, memory = self._contacts.count, self._memory
+        needed = choice.forecast_bytes(self.options.free, count)
+        fits = memory is None or needed <= memory
+        return fits and 2 * iterative.springs.contacts.size > count
 
     def _tell_iterative(self) -> None:
         """Call ``on_forecast`` with the counts of the iterative engine, once."""

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from bipot_rs import scene
+from bipot_rs.contact import tuning
 from support.lap_joint import lap_joint
 from support.random_joints import CLASSES, random_joint
 
@@ -128,3 +130,20 @@ def test_a_lap_joint_takes_few_iterations(symmetric: bool, most: int) -> None:
             (step.displacement, other.displacement),
         ):
             np.testing.assert_allclose(one, two, rtol=0, atol=1e-8 * np.abs(two).max())
+
+
+def test_contacts_without_nodes_of_their_own_are_condensed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Mortar of second order: on the displacements statuses may not settle."""
+    monkeypatch.setattr(tuning, "LEAST_ITERATIVE", 1)
+    monkeypatch.setattr(tuning, "DOFS_PER_STEP", 1)
+    engines = []
+    for element in ("P1", "P2"):
+        keys = ["mesh.n=2", f"mesh.element={element}", "contact.0.pairing=mortar"]
+        read = scene.read("two_blocks", keys)
+        case = scene.assemble(read, scene.bodies(read))
+        problem = case.model.problem()
+        problem.solve(case.load, case.prescribed)
+        engines.append(problem.stats["engine"])
+    assert engines == ["iterative", "direct"]
