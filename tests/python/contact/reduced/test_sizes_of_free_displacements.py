@@ -34,8 +34,10 @@ def motions(places: Array, axes: list[Array]) -> Array:
     return np.array(rows)
 
 
-def on_gaps(rng: np.random.Generator, d: int, far: float) -> tuple[Array, Array, Array]:
-    """A rigid body on feet below which there are gaps, between walls that it does not reach."""
+def on_gaps(
+    rng: np.random.Generator, d: int, far: float, below: float
+) -> tuple[Array, Array, Array]:
+    """A rigid body on feet, below which there may be gaps, between walls that it does not reach."""
     feet, walls = d, 2
     floor = frames(rng, d)
     axes = [floor] * feet + [frames(rng, d) for _ in range(walls)]
@@ -43,7 +45,7 @@ def on_gaps(rng: np.random.Generator, d: int, far: float) -> tuple[Array, Array,
     v = np.zeros((feet + walls, d))
     v[feet:] = rng.standard_normal((walls, d))
     v[feet:, 0] = rng.uniform(0.1, 2, walls)
-    q = far * (v - (R @ rng.standard_normal(R.shape[1])).reshape(-1, d))
+    q = far * (v - below * (R @ rng.standard_normal(R.shape[1])).reshape(-1, d))
     r = np.zeros((feet + walls, d))
     r[:feet, 0] = rng.uniform(0.5, 2, feet)
     r[:feet, 1] = 0.3 * 0.5 * r[:feet, 0] * rng.uniform(-1, 1, feet)
@@ -51,11 +53,13 @@ def on_gaps(rng: np.random.Generator, d: int, far: float) -> tuple[Array, Array,
 
 
 @pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("far", [1.0, 1e-9, 1e12])
-def test_rigid_bodies_with_gaps(d: int, far: float) -> None:
+@pytest.mark.parametrize(
+    ("far", "below"), [(1.0, 1.0), (1e-9, 1.0), (1e12, 1.0), (1.0, 0.0)]
+)
+def test_rigid_bodies_with_gaps(d: int, far: float, below: float) -> None:
     for seed in range(30):
         rng = np.random.default_rng([seed, d])
-        q, R, e = on_gaps(rng, d, far)
+        q, R, e = on_gaps(rng, d, far, below)
         order = rng.permutation(len(q))
         rows = (order[:, None] * d + np.arange(d)).ravel()
         basis = np.diag(10.0 ** rng.uniform(-2, 2, R.shape[1]))
