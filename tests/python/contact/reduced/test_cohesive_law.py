@@ -240,6 +240,15 @@ def test_an_open_contact_has_no_pressure() -> None:
         )
 
 
+def test_the_rest_of_a_pressure_in_a_start_opens() -> None:
+    """The start has an η within the tolerance: the answer is this point, without the rest."""
+    start = np.array([[1e-13, 0.0], [1.0, -0.2]])
+    problem = bp.ReducedProblem(np.eye(4), [[1, 0], [-1, 0.2]], 0.5, cohesion=1.0)
+    solution = problem.solve(start=start)
+    assert solution.iterations == 0
+    np.testing.assert_array_equal(solution.reaction, [[0, 0], [1, -0.2]])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("kind", ["plain", "strong", "singular", "extreme"])
