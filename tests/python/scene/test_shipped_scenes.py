@@ -247,6 +247,15 @@ def test_numbers_of_a_setting_may_lack_a_digit(value: str) -> None:
     assert scene.read("two_blocks", [f"contact.0.mu={value}"]).contact[0].mu == 0.25
 
 
+def test_cohesion_of_a_scene_is_a_stress() -> None:
+    """All contacts of a face of 100 mm × 100 mm carry 0.3 MPa times its area; corners a quarter."""
+    read = scene.read("sheared_cube", ["mesh.n=3", "contact.0.cohesion=0.3"])
+    cohesion = scene.assemble(read, scene.bodies(read)).model.cohesion
+    # Rounding of sixteen terms.
+    assert cohesion.sum() == pytest.approx(0.3 * 100.0 * 100.0, rel=1e-14)
+    assert cohesion.max() == pytest.approx(4 * cohesion.min(), rel=1e-14)
+
+
 def test_suggestions_for_keys_that_exist_elsewhere() -> None:
     """A key is looked for elsewhere in the scene, with one search for all mistakes."""
     table = scene.parse("sheared_cube", scene.text("sheared_cube"))
