@@ -151,6 +151,42 @@ impl<A: Borrow<Analysis>> SparseLu<A> {
 
     /// `b ← A⁻¹ b`.
     pub fn solve(&self, b: &mut [f64]) {
+        self.substitute(
+            b,
+            (|own| &own.lower, |own| &own.upper),
+            |own, first| {
+                lu::reorder(first, &own.rows);
+                dense::lu_upper(&own.pivots, first.len(), first);
+            },
+            |own, first| dense::lu_solve_upper(&own.pivots, first.len(), first),
+        );
+    }
+
+    /// `b ← A⁻ᵀ b`.
+    pub fn solve_transposed(&self, b: &mut [f64]) {
+        self.substitute(
+            b,
+            (|own| &own.upper, |own| &own.lower),
+            |own, first| dense::lu_lower(&own.pivots, first.len(), first),
+            |own, first| {
+                dense::lu_solve_lower_transposed(&own.pivots, first.len(), first);
+                let ordered = first.to_vec();
+                for (&row, value) in own.rows.iter().zip(ordered) {
+                    first[row] = value;
+                }
+            },
+        );
+    }
+
+    /// Both substitutions: `forward` and `back` are those within the pivots of a front, `beyond`
+    /// them are the two parts of its factors that they use.
+    fn substitute(
+        &self,
+        b: &mut [f64],
+        (ahead, behind): (Beyond, Beyond),
+        forward: impl Fn(&EliminatedFront, &mut [f64]),
+        back: impl Fn(&EliminatedFront, &mut [f64]),
+    ) {
         let Analysis { symbolic, order } = self.analysis.borrow();
         assert_eq!(b.len(), *order);
         let list = || symbolic.fronts.iter().zip(&self.fronts);
@@ -158,62 +194,31 @@ impl<A: Borrow<Analysis>> SparseLu<A> {
         for (front, own) in list() {
             let np = front.np;
             let first = &mut x[front.first..front.first + np];
-            lu::reorder(first, &own.rows);
-            dense::lu_upper(&own.pivots, np, first);
+            forward(own, first);
             let first = first.to_vec();
-            for (row, at) in beyond(symbolic, front).zip(own.lower.chunks_exact(np)) {
-                x[row] -= dot(at, &first);
+            for (row, factors) in beyond(symbolic, front).zip(ahead(own).chunks_exact(np)) {
+                x[row] -= dot(factors, &first);
             }
         }
         for (front, own) in list().rev() {
             let np = front.np;
             let mut first = x[front.first..front.first + np].to_vec();
-            for (row, column) in beyond(symbolic, front).zip(own.upper.chunks_exact(np)) {
-                for (value, u) in first.iter_mut().zip(column) {
-                    *value -= u * x[row];
+            for (row, factors) in beyond(symbolic, front).zip(behind(own).chunks_exact(np)) {
+                for (value, factor) in first.iter_mut().zip(factors) {
+                    *value -= factor * x[row];
                 }
             }
-            dense::lu_solve_upper(&own.pivots, np, &mut first);
+            back(own, &mut first);
             x[front.first..front.first + np].copy_from_slice(&first);
         }
         for (&i, value) in symbolic.old.iter().zip(x) {
             b[i as usize] = value;
         }
     }
-
-    /// `b ← A⁻ᵀ b`.
-    pub fn solve_transposed(&self, b: &mut [f64]) {
-        let Analysis { symbolic, order } = self.analysis.borrow();
-        assert_eq!(b.len(), *order);
-        let list = || symbolic.fronts.iter().zip(&self.fronts);
-        let mut x: Vec<f64> = symbolic.old.iter().map(|&i| b[i as usize]).collect();
-        for (front, own) in list() {
-            let np = front.np;
-            let first = &mut x[front.first..front.first + np];
-            dense::lu_lower(&own.pivots, np, first);
-            let first = first.to_vec();
-            for (row, column) in beyond(symbolic, front).zip(own.upper.chunks_exact(np)) {
-                x[row] -= dot(column, &first);
-            }
-        }
-        for (front, own) in list().rev() {
-            let np = front.np;
-            let mut first = x[front.first..front.first + np].to_vec();
-            for (row, at) in beyond(symbolic, front).zip(own.lower.chunks_exact(np)) {
-                for (value, l) in first.iter_mut().zip(at) {
-                    *value -= l * x[row];
-                }
-            }
-            dense::lu_solve_lower_transposed(&own.pivots, np, &mut first);
-            for (&row, value) in own.rows.iter().zip(first) {
-                x[front.first + row] = value;
-            }
-        }
-        for (&i, value) in symbolic.old.iter().zip(x) {
-            b[i as usize] = value;
-        }
-    }
 }
+
+/// The factors of a front beyond its pivots, below or to the right of them.
+type Beyond = fn(&EliminatedFront) -> &[f64];
 
 impl EliminatedFront {
     /// Gathers the entries of the rows and columns of the pivots.
