@@ -8,7 +8,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from importlib.util import find_spec, module_from_spec
 from types import ModuleType
 
 # Name of the distribution, if it is not the name of the module.
@@ -42,33 +41,13 @@ def missing(
 def load_library(name: str, *, extra: str = "io", need: str = "files") -> ModuleType:
     """Import an optional library, or a module of it; ``need`` says what it is for.
 
-    A module of a library is imported without the others.
     Raises `ModuleNotFoundError`: it is not installed; the message names the extra that installs
     it.
     """
-    library, _, part = name.partition(".")
     try:
-        if part and library not in sys.modules:
-            _postpone(library)
         return import_module(name)
     except ModuleNotFoundError as error:
-        raise missing(error, need, library, extra) from None
-
-
-def _postpone(library: str) -> None:
-    """Let a package import what it needs when one of its names is first used."""
-    spec = find_spec(library)
-    if spec is None or spec.loader is None:
-        return
-    package, run = module_from_spec(spec), spec.loader.exec_module
-
-    def getattr_(name: str) -> object:
-        if vars(package).pop("__getattr__", None):
-            run(package)
-        return getattr(package, name)
-
-    vars(package)["__getattr__"] = getattr_
-    sys.modules[library] = package
+        raise missing(error, need, name.partition(".")[0], extra) from None
 
 
 def lazily(

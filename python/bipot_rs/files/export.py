@@ -43,7 +43,7 @@ _IN_MEMORY = 2**25
 def require() -> None:
     """Import the libraries for files before a long solve, so that it does not fail later."""
     load_library("h5py")
-    load_library("meshio.vtu", extra="fem", need="files for ParaView")
+    load_library("meshio", extra="fem", need="files for ParaView")
     import_module("bipot_rs.files.series")
 
 

@@ -45,11 +45,7 @@ def write_grid(
     ``points (points, 3)``; ``cells``: pairs of a kind and corners in the order of VTK; fields
     ``(points,)``, ``(points, k)`` and ``(cells,)``, ``(cells, k)`` by name.
     """
-    # The other formats of meshio would take a thirtieth of a small job.
-    vtu, mesh = (
-        load_library(f"meshio.{name}", extra="fem", need="files for ParaView")
-        for name in ("vtu", "_mesh")
-    )
+    meshio = load_library("meshio", extra="fem", need="files for ParaView")
     # 32 bits are enough for almost every mesh that fits into memory.
     short = len(points) < 2**31 > sum(corners.size for _, corners in cells)
     integer = np.int32 if short else np.int64
@@ -57,7 +53,7 @@ def write_grid(
         (kind, corners.astype(integer)) for kind, corners in cells if len(corners)
     ]
     ends = np.cumsum([len(corners) for _, corners in blocks])[:-1]
-    grid = mesh.Mesh(
+    grid = meshio.Mesh(
         np.asarray(points, np.float64),
         blocks or [("vertex", np.zeros((0, 1), integer))],
         point_data={name: _as_stored(field) for name, field in of_points.items()},
@@ -66,7 +62,7 @@ def write_grid(
         },
     )
     # Compression takes longer than the rest of a load step with few contacts.
-    vtu.write(path, grid, compression=None, header_type="UInt64")
+    meshio.vtu.write(path, grid, compression=None, header_type="UInt64")
     with path.open("r+b") as file:
         file.seek(-_END_BYTES, os.SEEK_END)
         end = file.read().rpartition(_END)[2]

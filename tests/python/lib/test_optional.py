@@ -148,17 +148,3 @@ def test_named_extras_install_the_missing_library(repository: Path) -> None:
     assert {"fem", "viz"} <= named <= set(installed_by)
     assert "meshio" in installed_by["fem"]
     assert {"pydantic", "argcomplete", "matplotlib", "h5py"} <= installed_by["cli"]
-
-
-def test_a_library_of_which_a_part_was_loaded_is_whole_for_others() -> None:
-    code = """
-import sys
-from bipot_rs._lib.optional import load_library
-vtu = load_library("meshio.vtu")
-assert "meshio.gmsh" not in sys.modules
-import meshio
-from meshio import read
-assert meshio.vtu is vtu and meshio.Mesh is load_library("meshio._mesh").Mesh
-assert "meshio.gmsh" in sys.modules and read is meshio.read and not hasattr(meshio, "x")
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
