@@ -327,32 +327,25 @@ class PreparedStiffness:
         return Direct(self._condensed)
 
     def choose_engine(
-        self, steps: int, method: str, start: Step | None = None
+        self, steps: int | None, method: str, start: Step | None = None
     ) -> Engine:
         """The engine of a load path.
 
         It does not depend on earlier paths. A path that continues from the step ``start``
         keeps the engine of that step.
         """
-        iterative, options = self._iterative, self.options
+        iterative = self._iterative
         if iterative is None:
             return self.make_direct()
-        if method not in choice.METHODS:
-            if options.engine == "iterative":
-                choice.check_method(method, options.engine)
-            return self.make_direct()
         iterative.record.replaced = ""
-        if options.engine == "auto" and start is not None and not start.from_state:
-            started = start.stats.keys() & {"krylov", REPLACED}
-            name = "iterative" if started else "direct"
-            self._choice = name, "it solved the step that the path continues from"
-        else:
-            self._choice = self._choose(steps)
-            if options.engine == "auto" and self._condenses_sooner(iterative):
-                self._choice = "direct", "most contacts have no node of their own"
+        before = None
+        if start is not None and not start.from_state:
+            iterated = start.stats.keys() & {"krylov", REPLACED}
+            before = "iterative" if iterated else "direct"
+        self._choice = self._choose(steps, method, before, iterative)
         if self._choice[0] == "direct":
             return self.make_direct()
-        self._tell_iterative()
+        self._tell_iterative(iterative)
         return iterative
 
     @property
@@ -425,9 +418,7 @@ class PreparedStiffness:
             return
         limit = options.memory_limit
         self._memory = available() if limit is None else limit
-        if options.engine == "iterative":
-            self._tell_iterative()
-        elif options.steps is not None:
+        if options.engine == "iterative" or options.steps is not None:
             self.choose_engine(options.steps, "auto")
 
     def _arguments(
@@ -540,7 +531,7 @@ class PreparedStiffness:
     def _make_iterative(self, given: Parts | MeshStiffness) -> Iterative | None:
         """The iterative engine, if it is wanted and can solve the problem."""
         options = self.options
-        self._choice = self._choose(None)
+        self._choice = self._choose()
         if self._choice[0] == "direct":
             return None
         from bipot_rs.contact.path.iterative import make_iterative
@@ -572,34 +563,32 @@ class PreparedStiffness:
         self.seconds = time.perf_counter() - started
         return iterative
 
-    def _choose(self, steps: int | None) -> tuple[str, str]:
+    def _choose(
+        self,
+        steps: int | None = None,
+        method: str = "auto",
+        before: str | None = None,
+        iterative: Iterative | None = None,
+    ) -> tuple[str, str]:
         """The engine of a path of so many load steps, and why; ``"auto"`` without them."""
         options, contacts = self.options, self._contacts
-        memory = None if steps is None else self._memory
-        name, why = choice.choose_engine(
-            options.engine, contacts.d, options.free, contacts.count, steps, memory
+        return choice.choose_engine(
+            options.engine,
+            contacts.d,
+            options.free,
+            contacts.count,
+            steps,
+            None if steps is None else self._memory,
+            method=method,
+            needs_compliance=self._loads is not None or options.working_set is not None,
+            before=before,
+            copies=0 if iterative is None else iterative.springs.contacts.size,
         )
-        given = self._loads is not None or options.working_set is not None
-        if name == "auto" and given:
-            return "direct", "loads or working_set is given"
-        return name, why
 
-    def _condenses_sooner(self, iterative: Iterative) -> bool:
-        """Whether most contacts are copies, as of mortar of second order, and the factor fits.
-
-        Their statuses may not settle: 7,098 unknowns took 15 s until the direct engine, which
-        takes 0.1 s, had the step.
-        """
-        count, memory = self._contacts.count, self._memory
-        needed = choice.forecast_bytes(self.options.free, count)
-        fits = memory is None or needed <= memory
-        return fits and 2 * iterative.springs.contacts.size > count
-
-    def _tell_iterative(self) -> None:
+    def _tell_iterative(self, iterative: Iterative) -> None:
         """Call ``on_forecast`` with the counts of the iterative engine, once."""
         tell, self._on_forecast = self._on_forecast, None
-        iterative = self._iterative
-        if tell is None or iterative is None:
+        if tell is None:
             return
         contacts, d = self._contacts.shape
         solutions = self.options.steps or 1
