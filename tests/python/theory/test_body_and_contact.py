@@ -361,32 +361,6 @@ def test_plane_compression_between_smooth_platens(phi: float, psi: float) -> Non
     assert lateral == pytest.approx((1 + dilates) / (1 - dilates), rel=1e-12)
 
 
-@pytest.mark.parametrize("psi", [0.0, 20.0])
-def test_all_slides_at_the_friction_coefficient(psi: float) -> None:
-    structure, B = footing(20.0, psi, 0.2)
-    gap = press_and_drag(len(B) // 2, [0.03, 0.06, 0.06, 0.06], [0.0, 0.0, 0.05, 0.1])
-    steps = structure.solve(gap=gap, tol=1e-13)
-    press, drag = steps[-1].reaction.sum(axis=0)
-    assert (steps[-1].reaction[:, 0] > 0).all()
-    assert abs(drag) / press == pytest.approx(0.2, rel=1e-12)
-    assert np.abs(steps[-1].plastic_strain[0]).max() > 1e-3
-
-
-def test_bifunctional_refuses_an_associated_answer() -> None:
-    associated, B = footing(20.0, 20.0, 0.3)
-    gap = press_and_drag(len(B) // 2, [0.08], [0.0])
-    (step,) = associated.solve(gap=gap, tol=1e-13)
-    start, none = associated.at_rest(), np.zeros(associated.n)
-    shares = {}
-    for psi in (20.0, 10.0, 0.0):
-        judge, _ = footing(20.0, psi, 0.3)
-        shares[psi] = measure_bifunctional(judge, start, step, none) / step.work
-    # A difference of energies of the size of the work, for its own law.
-    assert abs(shares[20.0]) < 1e-13
-    assert step.bifunctional < 1e-14 * step.work
-    assert shares[0.0] > shares[10.0] > 1e-3
-
-
 @cache
 def yielding(phi: float, psi: float, nu: float) -> tuple[PlasticPoints, Array]:
     """One point of Mohr and Coulomb, and a shear beyond its limit."""

@@ -1,7 +1,5 @@
 """The functionals of [dSF91], sections III and VI, on random bodies and solved scenes."""
 
-from collections.abc import Iterator
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs import scene
 from bipot_rs.theory.functionals import Functionals, of_problem
 from support.bodies import block
 
@@ -163,55 +160,10 @@ def solution(result: Any, k: int, increments: bool = True) -> Any:
     return u, r
 
 
-@cache
-def solved(name: str, n: int) -> tuple[Any, bp.ContactProblem, bp.Result]:
-    whole = scene.read(name, [f"mesh.n={n}"])
-    case = scene.assemble(whole, scene.bodies(whole))
-    problem = case.model.problem()
-    result = problem.solve(case.load, case.prescribed, tol=1e-14)
-    return case.model.K, problem, result
-
-
-SCENES = [
-    ("pressed_block", 8),
-    ("sheared_cube", 3),
-    ("cattaneo_mindlin", 4),
-    ("two_blocks", 4),
-    ("cyclic_cube", 3),
-    ("raous_plate", 8),
-]
-
-
-def steps(result: bp.Result) -> Iterator[int]:
-    yield from sorted(
-        {0, 1, len(result) // 2, len(result) - 1} & set(range(len(result)))
-    )
-
-
-@pytest.mark.parametrize(("name", "n"), SCENES)
-@pytest.mark.parametrize("increments", [True, False])
-def test_at_the_steps_of_a_scene_it_vanishes(
-    name: str, n: int, increments: bool
-) -> None:
-    K, problem, result = solved(name, n)
-    for k in steps(result):
-        f = Functionals.of_step(
-            of_problem(problem, K), result, k, increments=increments
-        )
-        u, r = solution(result, k, increments)
-        # Increments are differences of totals, and B is a difference of energies. Each is a sum
-        # of some hundred products with as many roundings, most of which cancel.
-        total = result[k].displacement
-        size = total @ (K @ total)
-        assert abs(f.excess(u, r)) <= 2e-13 * size
-        assert abs(f.bifunctional(u, r) + f.start_work) <= 2e-13 * size
-        assert abs(f.start_work) <= 2e-13 * size
-
-
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.slow_variants("3")
 def test_the_solution_minimises_on_random_bodies(d: int) -> None:
-    for seed in SEEDS:
+    for seed in range(4):
         rng = np.random.default_rng([1, seed])
         g = given(d, seed)
         problem = g.problem()

@@ -8,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs import scene
 from bipot_rs.theory import law as laws
 from bipot_rs.theory import materials
 from support.law_pairs import (
@@ -200,49 +199,6 @@ def test_gap_and_projection_bound_each_other(d: int) -> None:
     F, energy, sizes = F[big], energy[big], sizes[big]
     assert (F**2 / energy).max() > 0.1
     assert (energy / (F * (sizes + F))).max() > 0.1
-
-
-SCENES = [
-    ("pressed_block", 8, {0, 1, 2}),
-    ("sheared_cube", 4, {1, 2}),
-    ("two_blocks", 4, {1, 2}),
-    ("cattaneo_mindlin", 4, {0, 1, 2}),
-    ("cyclic_cube", 4, {1, 2}),
-]
-
-
-def solved(name: str, n: int) -> bp.Result:
-    read = scene.read(name, [f"mesh.n={n}"])
-    case = scene.assemble(read, scene.bodies(read))
-    problem = case.model.problem()
-    return problem.solve(case.load, case.prescribed, tol=1e-13)
-
-
-def common_step(step: bp.Step) -> float:
-    """One rho for all contacts: the largest force over the largest displacement."""
-    forces = np.linalg.norm(step.reaction, axis=1).max()
-    return float(forces / np.linalg.norm(step.relative_displacement, axis=1).max())
-
-
-@pytest.mark.parametrize(("name", "n", "found"), SCENES)
-@pytest.mark.slow_variants("*-found4")
-@pytest.mark.needs_extra
-def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
-    """In every form, each step starts from the state at the end of the step before."""
-    result = solved(name, n)
-    assert set(result.status.ravel().tolist()) == found
-    for k, step in enumerate(result):
-        law, du, dt = laws.step_of(result, k)
-        assert bool(np.any(law.start.reaction != 0)) == (k > 0)
-        rho = common_step(step)
-        whole = float(laws.size(law, du, dt, rho).max())
-        for form, residual in laws.FORMS.items():
-            # The solver's residual is 1e-13 of all reactions, with a rho for each contact that
-            # is within a factor of ten of this one. Another factor of ten allows for the directions
-            # of short slips.
-            assert residual(law, du, dt, rho).max() <= 1e-11 * whole, (k, form)
-        for form, verdict in laws.verdicts(law, du, dt, rho).items():
-            assert verdict.all(), (k, form)
 
 
 def test_a_continued_path() -> None:

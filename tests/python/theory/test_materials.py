@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import bipot_rs as bp
 from bipot_rs.theory import convex, materials, soils
 from support.law_pairs import (
     FORCE,
     LENGTH,
-    RHO,
     energy_size,
     on_the_law,
     start_state,
@@ -177,11 +175,9 @@ def near(case: Case, rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def test_equal_on_the_law(case: Case) -> None:
-    gaps = materials.gap(case.material, case.x, case.y)
-    assert np.all(np.abs(gaps) <= ROUNDED * case.energy)
-    # The same for (13a) and (13b).
-    for half in (materials.left_gap, materials.right_gap):
-        gaps = half(case.material, case.x, case.y)
+    # (8), (13a) and (13b).
+    for gap in (materials.gap, materials.left_gap, materials.right_gap):
+        gaps = gap(case.material, case.x, case.y)
         assert np.all(np.abs(gaps) <= ROUNDED * case.energy)
 
 
@@ -220,16 +216,6 @@ def test_convex_in_each_argument(case: Case) -> None:
         assert np.all(b((1 - s) * x + s * x2, y) <= ends + ROUNDED * case.energy)
         ends = (1 - s[:, 0]) * b(x, y) + s[:, 0] * b(x, y2)
         assert np.all(b(x, (1 - s) * y + s * y2) <= ends + ROUNDED * case.energy)
-
-
-def test_not_convex_in_both_together() -> None:
-    """Friction is bilinear: what makes the material implicit."""
-    case = contact(2, "coulomb")
-    b = materials.implicit(case.material).bipotential
-    rng = np.random.default_rng(23)
-    (x, y), (x2, y2) = near(case, rng), near(case, rng)
-    middle = b((x + x2) / 2, (y + y2) / 2)
-    assert np.any(middle > (b(x, y) + b(x2, y2)) / 2 + 1e-3 * case.energy)
 
 
 def test_outside_the_domain() -> None:
@@ -280,18 +266,26 @@ def test_printed_left_dual_is_the_associated_law() -> None:
     """(62) as printed has the cone of the barred pair: (16) then lets slip lift a contact."""
     rng = np.random.default_rng(47)
     mu, t = 0.6, np.array([2.0, 1.2])
-    start = materials.Start.unloaded([0.0], 2)
-    law = materials.Coulomb(mu, start)
+    law = materials.Coulomb(mu, materials.Start.unloaded(np.zeros(4000), 2))
     slide, lift = np.array([0.0, -1.0]), np.array([mu, -1.0])
     around = rng.normal(size=(4000, 2)) + t
     printed = around[mu * around[:, 0] >= np.abs(around[:, 1])]
-    right = np.array([z for z in around if law.left_dual([z], [t])[0] == 0])
+    right = around[law.left_dual(around, np.tile(t, (4000, 1))) == 0]
     assert min(len(printed), len(right)) > 500
     # x = -Δu is normal at t to the set of finite values.
     assert ((right - t) @ -slide).max() <= 1e-12
     assert ((right - t) @ -lift).max() > 0.1
     assert ((printed - t) @ -slide).max() > 0.1
     assert ((printed - t) @ -lift).max() <= 1e-12
+
+
+def test_the_bipotential_alone_has_no_lower_bound() -> None:
+    """t = 0 at the end of the step is admissible, and b then decreases along -t_t0."""
+    slips = np.array([1.0, 10.0, 100.0])
+    start = materials.Start([[1.0, 0.5]] * 3, np.zeros((3, 2)), np.zeros(3))
+    x = np.column_stack([0 * slips, slips])
+    b = materials.Coulomb(0.7, start).bipotential(-x * [1, -1], -start.reaction)
+    np.testing.assert_allclose(b, -0.5 * slips, rtol=1e-15)
 
 
 def test_frozen_coulomb_is_tresca() -> None:
@@ -318,10 +312,21 @@ def test_frozen_coulomb_is_tresca() -> None:
 # rays. So samples of directions, up to a far end, show whether they are bounded.
 
 
-def sampled(values: Array, ends: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Whether a supremum is finite, and its value near the vertex, from samples."""
-    bounded = ends.max(axis=-1) <= 0
-    return bounded, values.max(axis=-1)
+def check_supremum(terms: list[Array], rounding: float) -> float | None:
+    """From values at one and three times the distance; None if too close to decide."""
+    slope = (terms[1] - terms[0]) / 2
+    if slope.max() <= rounding:
+        return float(terms[0].max())
+    # Directions are in steps of half a degree.
+    return math.inf if slope.max() > 1e-4 else None
+
+
+def repeated(one: Any, k: int, n: int) -> Any:
+    """Row k, n times, of an array or a start state."""
+    if isinstance(one, materials.Start):
+        fields = one.reaction, one.displacement, one.gap
+        return materials.Start(*(repeated(x, k, n) for x in fields))
+    return np.repeat(one[k : k + 1], n, axis=0)
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -359,47 +364,31 @@ def test_duals_of_coulomb_are_the_suprema(d: int) -> None:
     left, right = law.left_dual(z, dt), law.right_dual(-du, -dw)
     finite = np.zeros((2, 2), int)
     for k in range(n):
-        start_here = materials.Start(
-            np.repeat(start.reaction[k : k + 1], len(ways), axis=0),
-            np.repeat(start.displacement[k : k + 1], len(ways), axis=0),
-            np.repeat(start.gap[k : k + 1], len(ways)),
-        )
-        each = materials.Coulomb(mu[k], start_here)
+        # Forces and displacements in units of the sizes, for `check_supremum`.
+        sizes = energy_size(law, du, z)[k] + FORCE * LENGTH, energy_size(law, du, dt)[k]
+        sizes = sizes[0], sizes[1] + energy_size(law, dw, dt)[k] + FORCE * LENGTH
+        here = repeated(start, k, len(ways))
+        each, there = materials.Coulomb(mu[k], here), repeated(dt, k, len(ways))
         terms = []
         for reach in (1.0, 3.0):
-            x = minus_increment(start_here, reach * ways)
-            b = each.bipotential(x, np.repeat(dt[k : k + 1], len(ways), axis=0))
-            terms.append(x @ z[k] - b)
-        # From the vertex on all is linear: a supremum is zero there or infinite.
-        slope = (terms[1] - terms[0]) / 2
-        size = energy_size(law, du, z)[k] + FORCE * LENGTH
-        lack = abs(np.max(slope)) if np.any(slope > ROUNDED * size) else 0.0
-        if lack == 0 or lack > 1e-4 * size:  # # directions in steps of half a degree
-            finite[0, int(lack == 0)] += 1
-            expected = np.inf if lack else terms[0].max()
-            assert left[k] == pytest.approx(expected, abs=ROUNDED * size)
+            x = minus_increment(here, reach * ways)
+            terms.append((x @ z[k] - each.bipotential(x, there)) / sizes[0])
+        expected = check_supremum(terms, ROUNDED)
+        if expected is not None:
+            finite[0, int(np.isfinite(expected))] += 1
+            assert left[k] / sizes[0] == pytest.approx(expected, abs=ROUNDED)
 
         cone = unit_cone * np.array([1, *[mu[k]] * (d - 1)]) * FORCE
-        m = len(cone)
-        start_here = materials.Start(
-            np.repeat(start.reaction[k : k + 1], m, axis=0),
-            np.repeat(start.displacement[k : k + 1], m, axis=0),
-            np.repeat(start.gap[k : k + 1], m),
-        )
-        each = materials.Coulomb(mu[k], start_here)
+        here = repeated(start, k, len(cone))
+        each, there = materials.Coulomb(mu[k], here), repeated(-du, k, len(cone))
         terms = []
         for reach in (1.0, 3.0):
-            y = reach * cone - start_here.reaction
-            b = each.bipotential(np.repeat(-du[k : k + 1], m, axis=0), y)
-            terms.append(y @ -dw[k] - b)
-        slope = (terms[1] - terms[0]) / 2
-        size = energy_size(law, du, dt)[k] + energy_size(law, dw, dt)[k]
-        size += FORCE * LENGTH
-        lack = abs(np.max(slope)) if np.any(slope > ROUNDED * size) else 0.0
-        if lack == 0 or lack > 1e-4 * size:
-            finite[1, int(lack == 0)] += 1
-            expected = np.inf if lack else terms[0].max()
-            assert right[k] == pytest.approx(expected, abs=ROUNDED * size)
+            y = reach * cone - here.reaction
+            terms.append((y @ -dw[k] - each.bipotential(there, y)) / sizes[1])
+        expected = check_supremum(terms, ROUNDED)
+        if expected is not None:
+            finite[1, int(np.isfinite(expected))] += 1
+            assert right[k] / sizes[1] == pytest.approx(expected, abs=ROUNDED)
     assert finite.min() > 20
     assert finite.sum() > 1.9 * n
 
@@ -438,7 +427,7 @@ def test_duals_of_a_soil_are_the_suprema(beta: float) -> None:
             s * strains @ z - material.bipotential(s * strains, np.tile(y, (723, 1)))
             for s in (1.0, 3.0)
         ]
-        expected = check_supremum(terms)
+        expected = check_supremum(terms, 1e-13)
         if expected is not None:
             finite[0, int(np.isfinite(expected))] += 1
             dual = float(material.left_dual(z, y))
@@ -450,7 +439,7 @@ def test_duals_of_a_soil_are_the_suprema(beta: float) -> None:
             - material.bipotential(np.tile(x, (723, 1)), s * stresses + top)
             for s in (1.0, 3.0)
         ]
-        expected = check_supremum(terms)
+        expected = check_supremum(terms, 1e-13)
         if expected is not None:
             finite[1, int(np.isfinite(expected))] += 1
             dual = float(material.right_dual(x, u))
@@ -458,84 +447,20 @@ def test_duals_of_a_soil_are_the_suprema(beta: float) -> None:
     assert finite.min() > 10
 
 
-def check_supremum(terms: list[Array]) -> float | None:
-    """From values at one and three times the distance; None if too close to decide."""
-    slope = (terms[1] - terms[0]) / 2
-    if slope.max() <= 1e-13:
-        return float(terms[0].max())
-    return math.inf if slope.max() > 1e-4 else None
-
-
-def test_potentials_of_tresca_are_conjugate() -> None:
-    """W is the supremum of x·y - V over sampled gaps and slips."""
-    rng = np.random.default_rng(32)
-    n = 300
-    start = start_state(rng, n, 2)
-    limit = FORCE * rng.exponential(size=n)
-    law = materials.Tresca(limit, start)
-    y = FORCE * rng.normal(size=(n, 2)) - start.reaction
-    energies = law.complementary_energy(y)
-    ways = [(0, 0), (0, 1), (0, -1), (1, 0)]
-    terms = np.array(
-        [
-            [
-                (x * y).sum(axis=1) - law.energy(x)
-                for way in ways
-                for x in [minus_increment(start, np.tile(way, (n, 1)) * s * LENGTH)]
-            ]
-            for s in (1.0, 3.0)
-        ]
-    )
-    size = energy_size(materials.Coulomb(limit / FORCE, start), y / RHO, y)
-    rises = ((terms[1] - terms[0]) > ROUNDED * size).any(axis=0)
-    np.testing.assert_array_equal(np.isposinf(energies), rises)
-    kept = ~rises
-    assert 50 < kept.sum() < n - 50
-    error = np.abs(energies - terms[0].max(axis=0))[kept]
-    assert np.all(error <= ROUNDED * size[kept])
-
-
-def test_left_dual_is_a_plastic_potential() -> None:
-    """The set of σ̄ of a soil's left dual: inside, the plastic potential is not larger."""
-    rng = np.random.default_rng(33)
-    case = soil(0.9, 0.3, 0.4)
-    law = case.material
-    assert isinstance(law, soils.DruckerPrager)
-    at_limit = np.abs(law.criterion(case.y)) <= 1e-12 * case.stress
-    z, y = case.stresses(rng)[at_limit], case.y[at_limit]
-    excess = law.plastic_potential(z) - law.plastic_potential(y)
-    clear = np.abs(excess) > 1e-9 * case.stress
-    inside = law.left_dual(z, y) == 0
-    np.testing.assert_array_equal(inside[clear], (excess <= 0)[clear])
-    assert 0.2 < inside.mean() < 0.9
-    # All of them also satisfy the yield criterion, which is another surface.
-    assert law.criterion(z).max() <= 1e-12 * case.stress
-
-
 def test_flow_is_the_gradient_of_the_potential() -> None:
     rng = np.random.default_rng(34)
     law = soils.DruckerPrager(0.9, 0.3, 0.4)
-    y = rng.normal(size=(100, 6))
-    h = 1e-6
-    steps = h * np.eye(6)
-    numeric = np.stack(
-        [
-            (law.plastic_potential(y + s) - law.plastic_potential(y - s)) / (2 * h)
-            for s in steps
-        ],
-        axis=1,
-    )
-    # Central differences: h² times third derivatives, and rounding over h.
-    np.testing.assert_allclose(law.flow(y), numeric, atol=1e-8)
     associated = soils.DruckerPrager(0.9, 0.9, 0.4)
-    numeric = np.stack(
-        [
-            (associated.criterion(y + s) - associated.criterion(y - s)) / (2 * h)
-            for s in steps
-        ],
-        axis=1,
-    )
-    np.testing.assert_allclose(associated.flow(y), numeric, atol=1e-8)
+    y, h = rng.normal(size=(100, 6)), 1e-6
+    for soil, potential in (
+        (law, law.plastic_potential),
+        (associated, associated.criterion),
+    ):
+        steps = h * np.eye(6)
+        ends = [(potential(y + s), potential(y - s)) for s in steps]
+        numeric = np.stack([(up - down) / (2 * h) for up, down in ends], axis=1)
+        # Central differences: h² times third derivatives, and rounding over h.
+        np.testing.assert_allclose(soil.flow(y), numeric, atol=1e-8)
     assert associated.associated
     assert not law.associated
 
@@ -617,69 +542,46 @@ def test_prox_has_pairs_on_the_law_as_fixed_points(case: Case) -> None:
         assert np.all(moved[far] > 1e-6 * case.stress)
 
 
-@pytest.mark.parametrize("kind", ["coulomb", "tresca"])
-def test_units_have_no_effect(kind: str) -> None:
-    """Powers of two as units: the same bits, and the same boundaries of the domain."""
-    case, force, metre = contact(3, kind), 2.0**50, 2.0**-37
-    rng = np.random.default_rng(49)
-    any_x, any_y = near(case, rng)
-    z, u = FORCE * rng.normal(size=(2, N, 3)) * [[[1.0]], [[LENGTH / FORCE]]]
-    law = case.material
-    assert isinstance(law, (materials.Coulomb, materials.Tresca))
+def in_units(law: Any, force: float, metre: float) -> materials.Material:
+    if isinstance(law, soils.DruckerPrager):
+        return soils.DruckerPrager(law.friction, law.dilatancy, force * law.apex)
     start = materials.Start(
         force * law.start.reaction,
         metre * law.start.displacement,
         metre * law.start.gap,
     )
-    other: materials.Material
     if isinstance(law, materials.Coulomb):
-        other = materials.Coulomb(law.mu, start)
-    else:
-        other = materials.Tresca(force * law.limit, start)
-    law_of_ours, two = materials.implicit(law), materials.implicit(other)
-    pairs = (case.x, case.y), (any_x, any_y), (u, z), (case.x, z), (u, case.y)
-    for x, y in pairs:
-        np.testing.assert_array_equal(
-            two.bipotential(metre * x, force * y),
-            force * metre * law_of_ours.bipotential(x, y),
-        )
-        np.testing.assert_array_equal(
-            two.left_dual(force * z, force * y),
-            force * metre * law_of_ours.left_dual(z, y),
-        )
-        np.testing.assert_array_equal(
-            two.right_dual(metre * x, metre * u),
-            force * metre * law_of_ours.right_dual(x, u),
-        )
-        np.testing.assert_array_equal(
-            two.prox_at(force * y, metre * x, RHO * force / metre),
-            force * law_of_ours.prox_at(y, x, RHO),
-        )
+        return materials.Coulomb(law.mu, start)
+    return materials.Tresca(force * law.limit, start)
 
 
-def test_units_have_no_effect_on_soil() -> None:
-    case, pascal, strain = soil(0.9, 0.3, 0.4), 2.0**40, 2.0**-21
-    law = case.material
-    assert isinstance(law, soils.DruckerPrager)
-    other = soils.DruckerPrager(law.friction, law.dilatancy, pascal * law.apex)
+@pytest.mark.parametrize("kind", ["coulomb 3D", "tresca 3D", "soil"])
+def test_units_have_no_effect(kind: str) -> None:
+    """Powers of two as units: the same bits, and the same boundaries of the domain."""
+    case, force, metre = CASES[kind](), 2.0**50, 2.0**-37
     rng = np.random.default_rng(49)
-    z, u = rng.normal(size=(2, N, 6)) * [[[case.stress]], [[case.strain]]]
-    for x, y in ((case.x, case.y), near(case, rng), (u, z)):
-        np.testing.assert_array_equal(
-            other.bipotential(strain * x, pascal * y),
-            strain * pascal * law.bipotential(x, y),
-        )
-        np.testing.assert_array_equal(
-            other.left_dual(pascal * z, pascal * y), law.left_dual(z, y)
-        )
-        np.testing.assert_array_equal(
-            other.right_dual(strain * x, strain * u),
-            strain * pascal * law.right_dual(x, u),
-        )
-        np.testing.assert_array_equal(
-            other.prox_at(pascal * y, strain * x, 1e8 * pascal / strain),
-            pascal * law.prox_at(y, x, 1e8),
-        )
+    z = case.stress * rng.normal(size=case.y.shape)
+    u = case.strain * rng.normal(size=case.x.shape)
+    r = case.stress / case.strain
+    one = materials.implicit(case.material)
+    two = materials.implicit(in_units(case.material, force, metre))
+    pairs = (case.x, case.y), near(case, rng), (u, z), (case.x, z), (u, case.y)
+    for x, y in pairs:
+        for theirs, ours, size in (
+            (
+                two.bipotential(metre * x, force * y),
+                one.bipotential(x, y),
+                force * metre,
+            ),
+            (two.left_dual(force * z, force * y), one.left_dual(z, y), force * metre),
+            (two.right_dual(metre * x, metre * u), one.right_dual(x, u), force * metre),
+            (
+                two.prox_at(force * y, metre * x, r * force / metre),
+                one.prox_at(y, x, r),
+                force,
+            ),
+        ):
+            np.testing.assert_array_equal(theirs, size * ours)
 
 
 def test_prox_of_the_conjugate() -> None:
@@ -805,54 +707,6 @@ def test_uzawa_contracts(kind: str) -> None:
         assert error[8] <= factor**8 * error[0] * (1 + 1e-4)
 
 
-@pytest.mark.parametrize("d", [2, 3])
-def test_uzawa_is_the_method_of_the_package(d: int) -> None:
-    """While its rule keeps ρ, `method="uzawa"` computes exactly these iterates."""
-    n = 4
-    rng = np.random.default_rng(52)
-    root = rng.normal(size=(n * d, n * d))
-    W = np.eye(n * d) + 0.03 * (root + root.T)
-    grade = np.repeat(10 ** rng.uniform(-2, 2, n), d)
-    W *= np.outer(grade, grade)
-    q = rng.normal(size=(n, d))
-    q[:, 0] -= 1.0
-    q *= grade.reshape(n, d)
-    problem = bp.ReducedProblem(W, q, 0.2)
-    start = materials.Start.unloaded(np.zeros(n), d)
-    stiff = d / np.diag(W).reshape(n, d).sum(axis=1)
-
-    def ratio(r: Array, s: Array) -> float:
-        """Change of ṽ relative to that of r, which sets ρ of its rule, in scaled variables."""
-        tilde = [(W @ x.ravel()).reshape(n, d) + q for x in (r, s)]
-        for v in tilde:
-            v[:, 0] += 0.2 * np.linalg.norm(v[:, 1:], axis=1)
-        dv = (tilde[1] - tilde[0]) * np.sqrt(stiff)[:, None]
-        return float(
-            np.linalg.norm(dv) / np.linalg.norm((s - r) / np.sqrt(stiff)[:, None])
-        )
-
-    # It starts at 1; a step above 0.9 is cut to 2/3 of the value that the ratio allows.
-    law, strain = materials.Coulomb(0.2, start), structure(W, q, start)
-    trial = materials.uzawa(law, strain, np.zeros((n, d)), stiff, 1)[1]
-    first = ratio(np.zeros((n, d)), trial)
-    rho = 1.0 if first <= 0.9 else 2 / 3 * min(1 / first, 1.0)
-    iterates = materials.uzawa(law, strain, np.zeros((n, d)), rho * stiff, 12)
-    for k in range(1, 12):
-        # The rule does not change rho in this problem.
-        assert 0.3 < rho * ratio(iterates[k], iterates[k + 1]) < 0.9
-        same = problem.solve("uzawa", tol=1e-15, max_iterations=k)
-        assert same.iterations == k
-        size = np.abs(iterates[k] * grade.reshape(n, d)).max()
-        error = np.abs((same.reaction - iterates[k]) * grade.reshape(n, d)).max()
-        # A dozen products with W, rounded in another order.
-        assert error <= 1e-13 * size
-    answer = problem.solve(tol=1e-14)
-    long = materials.uzawa(law, strain, np.zeros((n, d)), rho * stiff, 200)[-1]
-    np.testing.assert_allclose(
-        long, answer.reaction, rtol=0, atol=1e-11 * np.abs(long).max()
-    )
-
-
 @pytest.mark.parametrize("beta", [0.0, 0.25, 0.8])
 def test_uzawa_returns_a_soil_to_its_criterion(beta: float) -> None:
     """One implicit step of elastoplasticity equals its closed form, including the apex."""
@@ -925,126 +779,106 @@ def test_tensors_as_vectors() -> None:
     )
 
 
-MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
-    "limit": (
-        lambda: materials.Tresca(-1.0, materials.Start.unloaded([0.0], 2)),
-        r"limit of contact 0 is -1.0, expected zero or positive",
-    ),
-    "limit shape": (
-        lambda: materials.Tresca([1.0, 2.0], materials.Start.unloaded([0.0], 2)),
-        r"limit has shape \(2,\), expected a number or \(1,\)",
-    ),
-    "mu": (
-        lambda: materials.Coulomb(-0.1, materials.Start.unloaded([0.0], 2)),
-        r"mu of contact 0 is -0.1",
-    ),
-    "reaction": (
-        lambda: materials.Start(np.zeros((2, 4)), np.zeros((2, 4)), np.zeros(2)),
-        r"reaction has shape \(2, 4\), expected \(n_c, 2\) or \(n_c, 3\)",
-    ),
-    "displacement": (
-        lambda: materials.Start(np.zeros((2, 3)), np.zeros((2, 2)), np.zeros(2)),
-        r"displacement has shape \(2, 2\), expected \(2, 3\)",
-    ),
-    "gap": (
-        lambda: materials.Start(np.zeros((2, 3)), np.zeros((2, 3)), [0.0, np.inf]),
-        r"gap is inf at 1, expected finite",
-    ),
-    "x": (
-        lambda: materials.Coulomb(0.1, materials.Start.unloaded([0.0], 2)).bipotential(
-            np.zeros((1, 3)), np.zeros((1, 2))
-        ),
-        r"x has shape \(1, 3\), expected \(1, 2\)",
-    ),
-    "stiffness": (
-        lambda: materials.LinearElastic([[1.0, 2.0], [2.0, 1.0]]),
-        r"stiffness has the eigenvalue -1.0.*, expected a positive definite",
-    ),
-    "asymmetric": (
-        lambda: materials.LinearElastic([[1.0, 0.1], [0.0, 1.0]]),
-        "stiffness is not symmetric",
-    ),
-    "not square": (
-        lambda: materials.LinearElastic([[1.0, 0.1]]),
-        r"stiffness has shape \(1, 2\), expected a square matrix",
-    ),
-    "strain": (
-        lambda: materials.LinearElastic(np.eye(2)).energy([1.0, 2.0, 3.0]),
-        r"x has shape \(3,\), expected \(\.\.\., 2\)",
-    ),
-    "r": (
-        lambda: materials.uzawa(
-            materials.LinearElastic(np.eye(2)), lambda y: -y, [0.0, 0.0], 0.0, 1
-        ),
-        r"r is 0.0, expected positive numbers",
-    ),
-    "another shape": (
-        lambda: materials.uzawa(
-            materials.LinearElastic(np.eye(2)),
-            lambda _: np.zeros(3),
-            [0.0, 0.0],
-            1.0,
-            1,
-        ),
-        r"strain\(y\) has shape \(3,\), expected \(2,\)",
-    ),
-    "runs away": (
-        lambda: materials.uzawa(
-            materials.LinearElastic(np.eye(1)), lambda y: y + np.inf, [1.0], 1.0, 9
-        ),
-        r"strain\(y\) is .*inf at 0, expected finite numbers",
-    ),
-    "iterations": (
-        lambda: materials.uzawa(
-            materials.LinearElastic(np.eye(2)), lambda y: -y, [0.0, 0.0], 1.0, 0
-        ),
-        "iterations is 0, expected 1 or more",
-    ),
-    "compliance": (
-        lambda: materials.elastic_strain(np.eye(3), np.zeros((2, 2))),
-        r"compliance has shape \(3, 3\), expected \(4, 4\)",
-    ),
-    "friction": (
-        lambda: soils.DruckerPrager(0.0, 0.0, 1.0),
-        r"friction is 0.0, expected a positive number",
-    ),
-    "dilatancy": (
-        lambda: soils.DruckerPrager(0.3, 0.4, 1.0),
-        r"dilatancy is 0.4, expected 0 to 0.3, the friction: outside this range the law has no",
-    ),
-    "contraction": (
-        lambda: soils.DruckerPrager(0.3, -0.1, 1.0),
-        r"dilatancy is -0.1, expected 0 to 0.3",
-    ),
-    "apex": (
-        lambda: soils.DruckerPrager(0.3, 0.1, -1.0),
-        r"apex is -1.0, expected zero or positive",
-    ),
-    "angle": (
-        lambda: soils.DruckerPrager.from_angles(1.0, 2.0, 0.1),
-        r"friction_angle is 2.0, expected above 0, below pi/2",
-    ),
-    "dilatancy angle": (
-        lambda: soils.DruckerPrager.from_angles(1.0, 0.5, 0.6),
-        r"dilatancy_angle is 0.6, expected 0 to 0.5",
-    ),
-    "cohesion": (
-        lambda: soils.DruckerPrager.from_angles(-1.0, 0.5, 0.1),
-        r"cohesion is -1.0, expected zero or positive",
-    ),
-    "stress": (
-        lambda: soils.DruckerPrager(0.3, 0.1, 1.0).criterion([1.0, 2.0]),
-        r"y has shape \(2,\), expected \(\.\.\., 6\)",
-    ),
-    "tensor": (
-        lambda: soils.mandel(np.eye(2)),
-        r"tensor has shape \(2, 2\), expected \(\.\.\., 3, 3\)",
-    ),
-}
+START = materials.Start.unloaded([0.0], 2)
+SPRINGS = materials.LinearElastic(np.eye(2))
 
 
-@pytest.mark.parametrize("name", MISTAKES)
-def test_mistakes_are_named(name: str) -> None:
-    call, expected_text = MISTAKES[name]
-    with pytest.raises(ValueError, match=expected_text):
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda: materials.Tresca(-1.0, START),
+            "limit of contact 0 is -1.0, expected zero",
+        ),
+        (
+            lambda: materials.Tresca([1.0, 2.0], START),
+            r"limit has shape \(2,\), expected a n",
+        ),
+        (lambda: materials.Coulomb(-0.1, START), "mu of contact 0 is -0.1"),
+        (
+            lambda: materials.Start(*np.zeros((2, 2, 4)), [0, 0]),
+            r"reaction has shape \(2, 4",
+        ),
+        (
+            lambda: materials.Start(np.zeros((2, 3)), np.zeros((2, 2)), [0, 0]),
+            r"displacement has shape \(2, 2\), expected \(2, 3\)",
+        ),
+        (
+            lambda: materials.Start(*np.zeros((2, 2, 3)), [0, np.inf]),
+            "gap is inf at 1, exp",
+        ),
+        (
+            lambda: materials.Coulomb(0.1, START).bipotential([[0, 0, 0]], [[0, 0]]),
+            r"x has shape \(1, 3\), expected \(1, 2\)",
+        ),
+        (
+            lambda: materials.LinearElastic([[1, 2], [2, 1]]),
+            "stiffness has the eigenvalue -1.0",
+        ),
+        (
+            lambda: materials.LinearElastic([[1, 0.1], [0, 1]]),
+            "stiffness is not symmetric",
+        ),
+        (lambda: materials.LinearElastic([[1, 0.1]]), "expected a square matrix"),
+        (
+            lambda: SPRINGS.energy([1, 2, 3]),
+            r"x has shape \(3,\), expected \(\.\.\., 2\)",
+        ),
+        (
+            lambda: materials.uzawa(SPRINGS, np.negative, [0, 0], 0.0, 1),
+            "r is 0.0, expected po",
+        ),
+        (
+            lambda: materials.uzawa(SPRINGS, lambda _: np.zeros(3), [0, 0], 1.0, 1),
+            r"strain\(y\) has shape \(3,\), expected \(2,\)",
+        ),
+        (
+            lambda: materials.uzawa(SPRINGS, lambda y: y + np.inf, [1, 1], 1.0, 9),
+            r"strain\(y\) is .*inf at 0, expected finite numbers",
+        ),
+        (
+            lambda: materials.uzawa(SPRINGS, np.negative, [0, 0], 1.0, 0),
+            "iterations is 0, exp",
+        ),
+        (
+            lambda: materials.elastic_strain(np.eye(3), np.zeros((2, 2))),
+            r"compliance has shape \(3, 3\), expected \(4, 4\)",
+        ),
+        (
+            lambda: soils.DruckerPrager(0.0, 0.0, 1.0),
+            "friction is 0.0, expected a positive",
+        ),
+        (
+            lambda: soils.DruckerPrager(0.3, 0.4, 1.0),
+            "dilatancy is 0.4, expected 0 to 0.3, the",
+        ),
+        (
+            lambda: soils.DruckerPrager(0.3, -0.1, 1.0),
+            "dilatancy is -0.1, expected 0 to 0.3",
+        ),
+        (
+            lambda: soils.DruckerPrager(0.3, 0.1, -1.0),
+            "apex is -1.0, expected zero or positive",
+        ),
+        (
+            lambda: soils.DruckerPrager.from_angles(1.0, 2.0, 0.1),
+            "friction_angle is 2.0, expec",
+        ),
+        (
+            lambda: soils.DruckerPrager.from_angles(1.0, 0.5, 0.6),
+            "dilatancy_angle is 0.6, exp",
+        ),
+        (
+            lambda: soils.DruckerPrager.from_angles(-1.0, 0.5, 0.1),
+            "cohesion is -1.0, expected",
+        ),
+        (
+            lambda: soils.DruckerPrager(0.3, 0.1, 1.0).criterion([1, 2]),
+            r"y has shape \(2,\), e",
+        ),
+        (lambda: soils.mandel(np.eye(2)), r"tensor has shape \(2, 2\), expected"),
+    ],
+)
+def test_mistakes_are_named(call: Callable[[], Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
         call()
