@@ -87,7 +87,7 @@ def _report(
     if arguments[0] == "run":
         from bipot_rs.cli.run.job import Job, RunOptions
 
-        return Job(RunOptions(), as_json=True).end(status, message)
+        return Job(RunOptions(), as_json=True).runner.end(status, message)
     line(command=arguments[0], ok=False, success=False, message=message)
     if arguments[0] == "fclib":
         # Its lines on standard output belong to files: an error of the command itself also

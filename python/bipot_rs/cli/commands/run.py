@@ -70,4 +70,4 @@ def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
 
     folder = found.out or Path("out") / Path(found.scene).stem
     request = shared.read_options(RunOptions, found, folder=folder)
-    return Job(request, as_json=found.json, interrupts=interrupts).run()
+    return Job(request, as_json=found.json, interrupts=interrupts).runner.run()

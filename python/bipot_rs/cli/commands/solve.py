@@ -81,4 +81,5 @@ def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
 
     folder = found.out or Path("out") / found.stiffness.stem
     request = shared.read_options(MatrixOptions, found, folder=folder)
-    return SolveMatrix(request, as_json=found.json, interrupts=interrupts).run()
+    job = SolveMatrix(request, as_json=found.json, interrupts=interrupts)
+    return job.runner.run()

@@ -27,8 +27,7 @@ from bipot_rs.cli.run.output_folder import (
     ours,
     replace,
 )
-from bipot_rs.cli.run.runner import ENOUGH, PETSC
-from bipot_rs.cli.run.shared_runner import PHASES, SharedRunner
+from bipot_rs.cli.run.runner import ENOUGH, PETSC, PHASES, Runner, outcome
 from bipot_rs.petsc.run.ranks import World, read_launcher
 
 if TYPE_CHECKING:
@@ -69,8 +68,8 @@ class RunOptions:
     error: bool = False
 
 
-class Job(SharedRunner):
-    """One run of a scene."""
+class Job:
+    """One run of a scene, which `runner` carries out."""
 
     def __init__(
         self,
@@ -79,7 +78,12 @@ class Job(SharedRunner):
         as_json: bool,
         interrupts: Interrupts | None = None,
     ) -> None:
-        super().__init__(as_json=as_json, interrupts=interrupts)
+        self.runner = Runner(
+            self,
+            as_json=as_json,
+            interrupts=interrupts,
+            save=lambda: self._save(always=True),
+        )
         self.request = request
         self.scene: Scene | None = None
         self.case: Case | None = None
@@ -107,8 +111,9 @@ class Job(SharedRunner):
 
     def work(self) -> tuple[int, str]:
         """Read, mesh, assemble, condense, solve and write."""
+        runner = self.runner
         # An import that a signal interrupts leaves half a module.
-        self.interrupts.hold()
+        runner.interrupts.hold()
         from bipot_rs._lib import validation
         from bipot_rs.files.export import require
         from bipot_rs.scene.reading import read
@@ -116,14 +121,14 @@ class Job(SharedRunner):
         require()
         request = self.request
         if request.engine == PETSC:
-            self._join()
+            runner.join()
             # Copies of a part of K are needed for a moment only.
             _core.return_heap()
-        with self.ranks.together():
+        with runner.ranks.together():
             self.scene = scene = read(request.scene or "", request.settings)
         if scene.solver.engine == PETSC and request.engine is None:
-            self._join()
-        with self.ranks.together():
+            runner.join()
+        with runner.ranks.together():
             method = scene.solver.method if request.method is None else request.method
             tol = scene.solver.tol if request.tol is None else request.tol
             validation.settings(
@@ -131,18 +136,20 @@ class Job(SharedRunner):
             )
             stamp = self._prepare(scene, method, tol)
         files = "reads another scene, or another file that it names, than rank 0"
-        self.ranks.check_same(stamp, files)
-        with self.ranks.together():
+        runner.ranks.check_same(stamp, files)
+        with runner.ranks.together():
             message = "" if scene.wear is not None else self._earlier(stamp)
         if message:
             return SOLVED, message
         with (
-            self._draft(request.folder) as draft,
-            Progress(len(PHASES) - 1, self.count, quiet=self.as_json) as self.progress,
+            runner.draft(request.folder) as draft,
+            Progress(
+                len(PHASES) - 1, self.count, quiet=runner.as_json
+            ) as runner.progress,
         ):
-            with self.ranks.together():
+            with runner.ranks.together():
                 self._begin_checkpoint(draft, stamp)
-            code, message = self.attempt(lambda: self._solve(scene, method, tol))
+            code, message = runner.attempt(lambda: self._solve(scene, method, tol))
             if code == SOLVED:
                 if self.enough:
                     message += f"; {self.enough}"
@@ -162,14 +169,14 @@ class Job(SharedRunner):
             self.count = scene.wear.cycles
         elif not scene.path.increments:
             self.count = scene.path.count()
-        if self.shared:
+        if self.runner.shared:
             self._check_petsc(scene, method, tol)
-        elif read_launcher()[1] > 1 and not self.as_json:
+        elif read_launcher()[1] > 1 and not self.runner.as_json:
             complain(
                 f"this is one of {read_launcher()[1]} processes, and each solves the whole "
                 "scene: --engine petsc would share it among them"
             )
-        cost_forecast.fits(scene, share=self.ranks.share)
+        cost_forecast.fits(scene, share=self.runner.ranks.share)
         stamp = stamps(scene, method, tol)
         for needed in _NEEDED:
             import_module(needed)
@@ -178,7 +185,7 @@ class Job(SharedRunner):
     def _check_wear(self, tol: float | str) -> None:
         """Refuse what a run with [wear] does not have."""
         request, why = self.request, "this scene has [wear]"
-        if self.shared:
+        if self.runner.shared:
             raise ValueError(f"engine is 'petsc', but {why}: use another engine")
         if request.fclib:
             raise ValueError(f"--fclib writes the load steps of a path, but {why}")
@@ -223,9 +230,9 @@ class Job(SharedRunner):
                 return self._complete_already(self.done)
             kept = count_noun(len(self.done), "load step")
             remark = f"{path}: continuing after {kept}"
-        elif not self.as_json:
+        elif not self.runner.as_json:
             remark = left_off(path, stamp, self.count)
-        if remark and not self.as_json:
+        if remark and not self.runner.as_json:
             complain(remark)
         return ""
 
@@ -239,7 +246,7 @@ class Job(SharedRunner):
         from bipot_rs.cli.run.output_files import Checkpoint
         from bipot_rs.cli.run.resume import left_off
 
-        if not self.shared or not self.ranks.first:
+        if not self.runner.shared or not self.runner.ranks.first:
             return
         path = self.request.folder / RESULT
         ours = self.done is not None or left_off(path, stamp, self.count)
@@ -253,53 +260,61 @@ class Job(SharedRunner):
         if self.checkpoint is not None:
             folder = self.request.folder
             out = Output(
-                self.checkpoint.draft, folder, self.scene, self.case, self.reached, []
+                self.checkpoint.draft,
+                folder,
+                self.scene,
+                self.case,
+                self.runner.reached,
+                [],
             )
             self.checkpoint.save(out, always=always)
 
     def _complete_already(self, done: Result) -> str:
-        self.reached = [({}, step) for step in done]
+        self.runner.reached = [({}, step) for step in done]
         message = f"{self._source()} is already complete, nothing to resume"
         if self.request.fclib:
             message += "; to write FCLIB files, run without --resume"
-        if not self.as_json:
+        if not self.runner.as_json:
             complain(message)
         return message
 
     def last_line(self, code: int, message: str) -> dict[str, object]:
         """Keys of the last line of --json."""
-        self.seconds["total"] = perf_counter() - self.started
+        runner = self.runner
+        runner.seconds["total"] = perf_counter() - runner.started
         model = self.case.model if self.case else None
-        ranks = {"ranks": self.ranks.count} if self.shared else {}
+        ranks = {"ranks": runner.ranks.count} if runner.shared else {}
         return {
             "scene": self.request.scene,
             "dofs": None if model is None else model.n,
             "contacts": None if model is None else len(model.gap),
-            "steps": len(self.reached),
+            "steps": len(runner.reached),
             "success": code == SOLVED,
-            "seconds": {phase: round(s, 6) for phase, s in self.seconds.items()},
+            "seconds": {phase: round(s, 6) for phase, s in runner.seconds.items()},
             "peak_mb": max(self.peaks, default=peak_mb()),
             **ranks,
             "message": message,
         }
 
     def _solve(self, scene: Scene, method: str, tol: float | str) -> None:
+        runner = self.runner
         from bipot_rs.cli.run.cost_forecast import fits
         from bipot_rs.cli.run.output_files import contacts
+        from bipot_rs.cli.run.report import by_surface, forces
         from bipot_rs.cli.run.resume import same_contacts
         from bipot_rs.scene.build import bodies
         from bipot_rs.scene.case import assemble
 
         done = self.done
-        with self._phase("mesh"):
+        with runner.phase("mesh"):
             meshed = bodies(scene)
-            fits(scene, meshed, self.ranks.share)
-        with self._phase("assemble"):
+            fits(scene, meshed, runner.ranks.share)
+        with runner.phase("assemble"):
             estimates = self.request.error or tol == ENOUGH
             # Wear and the discretisation error read K.
-            whole = (estimates or scene.wear is not None) and not self.shared
+            whole = (estimates or scene.wear is not None) and not runner.shared
             case = assemble(scene, meshed, stiffness=whole)
-            if not self.shared:
+            if not runner.shared:
                 case = case.with_stiffness(self._engine)
             estimator = None
             if estimates:
@@ -310,18 +325,18 @@ class Job(SharedRunner):
             if done is not None:
                 same_contacts(self._source(), done, contacts(case))
                 self.resumed = len(done)
-                self.reached = [
+                runner.reached = [
                     (self._row(k, case, step), step)
                     for k, step in enumerate(case.add_loads(done))
                 ]
-                self.progress.skip(self.resumed)
+                runner.progress.skip(self.resumed)
             self.case = case
-        with self._phase("condense"):
+        with runner.phase("condense"):
             problem = self._problem(case)
             if self.problem is not None and not whole:
                 self.case = case = case.released(self.problem)
-        with self._phase("solve"):
-            if estimator is not None and tol == ENOUGH and not self.shared:
+        with runner.phase("solve"):
+            if estimator is not None and tol == ENOUGH and not runner.shared:
                 from bipot_rs.discretisation.stopping import tolerance
 
                 limit = scene.solver.max_iterations
@@ -336,8 +351,13 @@ class Job(SharedRunner):
             self.tol = float(tol)
 
             def on_step(local: int, step: Step) -> None:
-                with self.ranks.together(held=True):
-                    self.reach(self._row(self.resumed + local, case, step), step)
+                with runner.ranks.together(held=True):
+                    row = self._row(self.resumed + local, case, step)
+                    runner.reach(
+                        row,
+                        step,
+                        lambda: {"forces": by_surface(forces(case.model, step))},
+                    )
                     self._save()
 
             if scene.wear is not None:
@@ -345,7 +365,7 @@ class Job(SharedRunner):
                     problem,
                     method=method,
                     tol=self.tol,
-                    on_cycle=lambda _, step: on_step(len(self.reached), step),
+                    on_cycle=lambda _, step: on_step(len(runner.reached), step),
                 )
                 return
             case.solve(
@@ -359,27 +379,28 @@ class Job(SharedRunner):
 
     def _problem(self, case: Case) -> Any:
         """The problem of the scene, with the engine asked for."""
+        runner = self.runner
         from bipot_rs.cli.run import cost_forecast
 
-        if isinstance(self.ranks, World):
+        if isinstance(runner.ranks, World):
             from bipot_rs.petsc.run.distributed import DistributedProblem
 
-            if self.ranks.first and not self.as_json:
-                ranks = cost_forecast.of_ranks(case.model, self.ranks.count)
+            if runner.ranks.first and not runner.as_json:
+                ranks = cost_forecast.of_ranks(case.model, runner.ranks.count)
                 self._announce(case, [ranks])
-            self.distributed = DistributedProblem(case, self.ranks)
+            self.distributed = DistributedProblem(case, runner.ranks)
             return self.distributed
 
         def on_forecast(counts: Mapping[str, object]) -> None:
             lines = cost_forecast.cost(counts, case.model, len(case.parameter))
             stalling = cost_forecast.describe_stalling(counts, case.model)
             self._announce(case, [*lines, *cost_forecast.list_remarks(stalling)])
-            self.progress.forecast(cost_forecast.seconds(counts))
+            runner.progress.forecast(cost_forecast.seconds(counts))
 
         self.problem = case.problem(
             on_forecast=(
                 None
-                if self.as_json
+                if runner.as_json
                 else cost_forecast.with_memory(on_forecast, case.model)
             ),
             engine=self._engine,
@@ -398,7 +419,7 @@ class Job(SharedRunner):
         title = [self.scene.title] if self.scene and self.scene.title else []
         sizes = cost_forecast.sizes(case.model, len(case.parameter))
         remarks = cost_forecast.list_remarks(case.remarks())
-        self.progress.block("\n".join([*title, *sizes, *cost, *remarks]))
+        self.runner.progress.block("\n".join([*title, *sizes, *cost, *remarks]))
 
     def _row(self, k: int, case: Case, step: Step) -> dict[str, object]:
         """The row of a load step, with its discretisation error if that is asked for."""
@@ -422,46 +443,39 @@ class Job(SharedRunner):
         self.errors.append(estimate)
         # This runs between load steps, within the clock of the phase "solve".
         seconds = perf_counter() - start
-        self.seconds["recover"] += seconds
-        self.seconds["solve"] -= seconds
+        self.runner.seconds["recover"] += seconds
+        self.runner.seconds["solve"] -= seconds
         return row | {
             "error": None if estimate is None else estimate.relative,
             "error_kind": None if estimate is None else estimate.kind,
         }
-
-    def step_line(self, row: dict[str, object], step: Step) -> dict[str, object]:
-        """The line of a load step, with the forces of each contact surface."""
-        from bipot_rs.cli.run.report import by_surface, forces
-
-        if self.case is None:
-            return row
-        return row | {"forces": by_surface(forces(self.case.model, step))}
 
     def failed(self, error: BipotError) -> tuple[int, str]:
         """Exit status and message of an error, its load step counted from the start."""
         if error.step is not None:
             error.at_step(error.step + self.resumed, self.count)
         self.wear = error.wear
-        return super().failed(error)
+        return outcome(error)
 
     def _keep(
         self, draft: Path, code: int, message: str, stamp: Mapping[str, object]
     ) -> tuple[int, str]:
         """Write the load steps reached; returns how the run has ended after that."""
+        runner = self.runner
         request, folder = self.request, self.request.folder
-        interrupted = code == self.interrupts.status
-        nothing_new = len(self.reached) == self.resumed
-        exists = self.ranks.broadcast((folder / RESULT).exists())
+        interrupted = code == runner.interrupts.status
+        nothing_new = len(runner.reached) == self.resumed
+        exists = runner.ranks.broadcast((folder / RESULT).exists())
         if interrupted and nothing_new and exists:
             # An earlier result is worth more than an empty one.
             return code, f"{message}; {folder / RESULT} is unchanged"
         scene, case = self.scene, self.case
-        out = Output(draft, folder, scene, case, self.reached, self.errors)
+        out = Output(draft, folder, scene, case, runner.reached, self.errors)
         if scene is not None and case is not None:
-            with self._phase("recover"):
-                code, message = self.recover(code, message)
-            with self._phase("write"):
-                if self.ranks.first:
+            with runner.phase("recover"):
+                code, message = runner.recover(code, message)
+            with runner.phase("write"):
+                if runner.ranks.first:
                     self._tables(out, scene, case)
                 if request.fclib and self.problem is not None:
                     name = request.scene or ""
@@ -471,34 +485,35 @@ class Job(SharedRunner):
             return code, message
         of_cells: Iterator[Mapping[str, AnyArray]] = iter(())
         if scene is not None and case is not None:
-            several = self.ranks.count > 1
+            several = runner.ranks.count > 1
             of_cells = out.stresses(case) if several else out.bodies(case)
 
         def finish(came: int | None) -> dict[str, object]:
             """Attributes of the file, of which a signal up to now tells how the run ended."""
             nonlocal code, message
             if code == SOLVED and came is not None:
-                self.interrupts.take(came)
-                code, message = self.interrupted
+                runner.interrupts.take(came)
+                code, message = runner.interrupted
             return {**self._attributes(message, stamp), "complete": code == SOLVED}
 
-        finish(self.ranks.broadcast(self.interrupts.came))
-        with self._phase("write"):
-            if self.ranks.first:
-                alone = self.ranks.count == 1
+        finish(runner.ranks.broadcast(runner.interrupts.came))
+        with runner.phase("write"):
+            if runner.ranks.first:
+                alone = runner.ranks.count == 1
                 out.result(
-                    lambda: finish(self.interrupts.came if alone else None), of_cells
+                    lambda: finish(runner.interrupts.came if alone else None),
+                    of_cells,
                 )
                 # Some file systems have no links.
                 with suppress(OSError):
                     (draft / LINK).symlink_to(RESULT)
                 replace(draft, folder)
         self.kept = True
-        if self.shared:
-            self.peaks = self.ranks.gather(peak_mb())
+        if runner.shared:
+            self.peaks = runner.ranks.gather(peak_mb())
         if code != SOLVED:
-            message += f" (load steps in {folder}: {len(self.reached)})"
-            if interrupted and self.reached and (scene is None or scene.wear is None):
+            message += f" (load steps in {folder}: {len(runner.reached)})"
+            if interrupted and runner.reached and (scene is None or scene.wear is None):
                 message += "; --resume continues from there"
         return code, message
 
@@ -509,27 +524,28 @@ class Job(SharedRunner):
         out.contact_series(case)
         rows = self._rows(case)
         out.table(list_columns(rows, self._extra()), rows)
-        if self.request.plot and self.reached:
+        if self.request.plot and self.runner.reached:
             out.pictures(scene, case)
 
     def _parts(self, out: Output, case: Case) -> None:
         """Write the series of the bodies, if several ranks write their cells."""
-        if self.ranks.count == 1:
+        runner = self.runner
+        if runner.ranks.count == 1:
             return
         from bipot_rs.contact.results.solution import Computed
         from bipot_rs.fem.paraview import Part
 
-        with self._phase("write"):
+        with runner.phase("write"):
             if self.distributed is None:
                 return
             cells = self.distributed.numbering.list_own_cells(case.model)
-            part = Part(self.ranks.number, self.ranks.count, cells)
+            part = Part(runner.ranks.number, runner.ranks.count, cells)
             series = out.parts(case, part)
-        for k, (_, step) in enumerate(self.reached):
-            u = self.ranks.broadcast(step.computed.displacement)
-            with self._phase("write"):
+        for k, (_, step) in enumerate(runner.reached):
+            u = runner.ranks.broadcast(step.computed.displacement)
+            with runner.phase("write"):
                 out.part(series, case, k, replaced(step, computed=Computed(u)))
-        with self._phase("write"):
+        with runner.phase("write"):
             series.end()
 
     def _attributes(
@@ -551,15 +567,20 @@ class Job(SharedRunner):
         """The rows of the load steps, with the forces of the contact surfaces."""
         from bipot_rs.cli.run.report import forces
 
-        return [row | forces(case.model, step) for row, step in self.reached]
+        return [row | forces(case.model, step) for row, step in self.runner.reached]
 
     def show(self, code: int) -> None:
         """Print the table of load steps, remarks, times and the names of the files."""
+        runner = self.runner
         from bipot_rs.cli.run.report import closing, format_steps
         from bipot_rs.cli.text_table import terminal_width
         from bipot_rs.fem.checks.inspection import review
 
-        if not self.reached or code == self.interrupts.status or not self.ranks.first:
+        if (
+            not runner.reached
+            or code == runner.interrupts.status
+            or not runner.ranks.first
+        ):
             return
         if self.case is None or self.scene is None:
             return
@@ -585,12 +606,12 @@ class Job(SharedRunner):
             lines.append(f"no discretisation error: {self.no_error}")
         folder = self.request.folder
         if code == SOLVED:
-            remarks = review(model, [step for _, step in self.reached])
+            remarks = review(model, [step for _, step in runner.reached])
             lines += closing(rows, self.tol, folder, remarks)
         if self.wear is not None:
             lines.append(f"wear: {self.wear.said}")
         times = ", ".join(
-            f"{phase} {self.seconds[phase]:.2f} s" for phase in PHASES[:-1]
+            f"{phase} {runner.seconds[phase]:.2f} s" for phase in PHASES[:-1]
         )
         contacts = count_noun(len(model.gap), "contact")
         lines.append(f"{model.n} degrees of freedom, {contacts}: {times}")

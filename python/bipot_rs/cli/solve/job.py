@@ -18,7 +18,7 @@ from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import Progress, tell
 from bipot_rs.cli.run.output_folder import RESULT, make
 from bipot_rs.cli.run.report import closing, format_steps
-from bipot_rs.cli.run.runner import MISTAKES, Runner
+from bipot_rs.cli.run.runner import MISTAKES, Runner, outcome
 from bipot_rs.cli.text_table import terminal_width
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.tables import COLUMNS, list_surface_forces, make_row
@@ -52,15 +52,18 @@ class MatrixOptions:
     engine: str = "auto"
 
 
-class SolveMatrix(Runner):
-    """One solution of a problem in files."""
-
-    mistakes = (*MISTAKES, TypeError)
+class SolveMatrix:
+    """One solution of a problem in files, which `runner` carries out."""
 
     def __init__(
         self, request: MatrixOptions, *, as_json: bool, interrupts: Interrupts
     ) -> None:
-        super().__init__(as_json=as_json, interrupts=interrupts)
+        self.runner = Runner(
+            self,
+            as_json=as_json,
+            interrupts=interrupts,
+            mistakes=(*MISTAKES, TypeError),
+        )
         self.request = request
         self.given: MatrixProblem | None = None
         self.result: Result | None = None
@@ -68,6 +71,7 @@ class SolveMatrix(Runner):
 
     def work(self) -> tuple[int, str]:
         """Read, solve and write."""
+        runner = self.runner
         from bipot_rs.cli.solve.matrix_files import read
         from bipot_rs.files.export import require
 
@@ -83,18 +87,18 @@ class SolveMatrix(Runner):
         )
         # Before the work, so that a folder that cannot be made is found then.
         make(asked.folder)
-        with Progress(1, _count(model), quiet=self.as_json) as self.progress:
-            code, message = self.attempt(lambda: self._solve(model))
-        if self.result is None and self.reached:
+        with Progress(1, _count(model), quiet=runner.as_json) as runner.progress:
+            code, message = runner.attempt(lambda: self._solve(model))
+        if self.result is None and runner.reached:
             self.result = self._unfinished(model, message)
         if self.result is not None:
-            before = len(self.reached)
-            code, message = self.recover(code, message)
-            if len(self.reached) < before:
+            before = len(runner.reached)
+            code, message = runner.recover(code, message)
+            if len(runner.reached) < before:
                 self.result = self._unfinished(model, message)
             self._write(model, self.result)
-        if code == SOLVED and self.interrupts.came is not None:
-            code, message = self.interrupted
+        if code == SOLVED and runner.interrupts.came is not None:
+            code, message = runner.interrupted
         return code, message
 
     def _solve(self, given: MatrixProblem) -> None:
@@ -117,7 +121,7 @@ class SolveMatrix(Runner):
                 x=given.points,
                 area=given.area,
             )
-            self.reach({**make_row(k, None, step), **forces}, step)
+            self.runner.reach({**make_row(k, None, step), **forces}, step)
 
         self.result = problem.solve(
             given.load,
@@ -130,7 +134,7 @@ class SolveMatrix(Runner):
     def failed(self, error: BipotError) -> tuple[int, str]:
         """Exit status and message of an error, with the node of its degree of freedom."""
         self.result = error.result
-        code, message = super().failed(error)
+        code, message = outcome(error)
         if self.given is not None and error.dof is not None:
             node, component = self.given.labels[error.dof]
             if component:
@@ -152,7 +156,7 @@ class SolveMatrix(Runner):
             "mu": given.mu,
         }
         return Result(
-            [step for _, step in self.reached],
+            [step for _, step in self.runner.reached],
             contacts=contacts,
             shape=(len(given.gap), given.frame.shape[1]),
             success=False,
@@ -164,7 +168,7 @@ class SolveMatrix(Runner):
         result.mesh = mesh = given.mesh()
         from bipot_rs.files.csv_tables import write
 
-        rows = [row for row, _ in self.reached]
+        rows = [row for row, _ in self.runner.reached]
         columns = list(rows[0]) if rows else [c for c in COLUMNS if c != "load"]
         displacements = (
             (k, dof, node if name else "", name, float(u))
@@ -201,7 +205,7 @@ class SolveMatrix(Runner):
         model, folder = self.given, self.request.folder
         if model is None:
             return
-        rows = [row for row, _ in self.reached]
+        rows = [row for row, _ in self.runner.reached]
         if rows:
             tell(format_steps(rows, width=terminal_width()), sys.stdout)
         if code != SOLVED:
@@ -211,7 +215,7 @@ class SolveMatrix(Runner):
         # The bodies are points only, and there are none if some nodes are not listed.
         lines = closing(rows, self.request.tol, drawn, remarks, "contact.pvd")
         contacts = count_noun(len(model.gap), "contact")
-        seconds = perf_counter() - self.started
+        seconds = perf_counter() - self.runner.started
         lines.append(
             f"{model.K.shape[0]} degrees of freedom, {contacts}, {seconds:.2f} s"
         )
@@ -225,9 +229,9 @@ class SolveMatrix(Runner):
             "stiffness": str(self.request.stiffness),
             "dofs": None if model is None else model.K.shape[0],
             "contacts": None if model is None else len(model.gap),
-            "steps": len(self.reached),
+            "steps": len(self.runner.reached),
             "success": code == SOLVED,
-            "seconds": round(perf_counter() - self.started, 6),
+            "seconds": round(perf_counter() - self.runner.started, 6),
             "message": message,
             "remarks": [] if result is None else list(result.remarks),
         }
