@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import bipot_rs as bp
 from bipot_rs.blocks import Block
 from bipot_rs.blocks.interfaces import refuse_overlap
-from support.masonry import LIMITS, arch, assemble, box, find_balance, rotate, wall
+from support.masonry import arch, assemble, box, find_balance, rotate, wall
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 
@@ -97,17 +97,6 @@ def test_a_force_at_a_point_has_a_moment() -> None:
         problem.load("ground", [0, 1])
     with pytest.raises(ValueError, match=r"no block 'ston', expected one of .*'stone'"):
         problem.load("ston", [0, 1])
-
-
-@pytest.mark.parametrize("number", LIMITS)
-@pytest.mark.slow_variants("6")
-def test_walls_of_ferris_and_tin_loi(number: int) -> None:
-    problem = assemble(wall(number), 0.65)
-    weight, push = problem.body_force([0.0, -1.0]), problem.body_force([1.0, 0.0])
-    limit = problem.limit_multiplier(weight, push)
-    # Digits of the other programme.
-    assert limit.upper == pytest.approx(LIMITS[number], abs=1e-6)
-    assert limit.reached == pytest.approx(limit.upper, rel=1e-6)
 
 
 @pytest.mark.parametrize("mu", [0.7, 0.9])
@@ -198,21 +187,6 @@ def test_ranges_of_a_block_between_walls() -> None:
     falling = assemble(stone(2, 1, space=False), 0.3, gravity=[0.4, -1.0])
     with pytest.raises(bp.NoEquilibriumError, match="block 'stone' moves"):
         falling.normal_range(0)
-
-
-def test_the_verdict_is_that_of_a_linear_programme() -> None:
-    """Walls on both sides of their limits, tilted by gravity; exact motions and reactions."""
-    for number in (1, 3):
-        problem = assemble(wall(number), 0.65)
-        weight, push = problem.body_force([0, -1.0]), problem.body_force([1.0, 0])
-        limit = problem.limit_multiplier(weight, push).upper
-        assert limit == pytest.approx(find_balance(problem, push)[1], rel=1e-6)
-        for share, verdict in ((1 - 1e-6, "balanced"), (1 + 1e-6, "none")):
-            tilted = assemble(wall(number), 0.65, [share * limit, -1.0])
-            equilibrium = tilted.equilibrium()
-            assert equilibrium.verdict == verdict
-            if equilibrium.motion is not None:
-                assert "this motion: block '" in equilibrium.reason
 
 
 def test_friction_by_pairs() -> None:

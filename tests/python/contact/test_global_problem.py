@@ -226,26 +226,6 @@ def test_singular_in_a_way_contact_cannot_hold(
         problem.solve()
 
 
-GOOD = {"M": np.eye(2), "H": np.eye(2), "f": [0.0, 0.0], "w": [[1.0, 0.0]], "mu": 0.3}
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        ("M", np.ones((2, 3)), r"M has shape \(2, 3\), expected a square"),
-        ("M", [[1.0, np.nan], [0.0, 1.0]], "M is not finite at row 0, column 1: NaN"),
-        ("H", np.eye(3), r"H has shape \(3, 3\), expected \(2, 2\)"),
-        ("f", [1.0], r"f has shape \(1,\), expected \(2,\)"),
-        ("w", [1.0, 0.0], "w has 1 dimension,"),
-        ("w", [[1.0]], r"w has shape \(1, 1\), expected \(n_c, 2\)"),
-        ("mu", -1.0, "mu of contact 0 is -1"),
-    ],
-)
-def test_wrong_arguments(name: str, value: Any, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        GlobalProblem(**(GOOD | {name: value}))
-
-
 def test_without_contacts() -> None:
     problem = GlobalProblem(
         np.diag([2.0, 4.0]), np.zeros((2, 0)), [1.0, 1.0], np.zeros((0, 3)), 0.0

@@ -99,15 +99,6 @@ def test_a6_block_on_an_incline_slides(share: float, dim: int) -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_pulled_up(dim: int) -> None:
-    body = block((3, 2, 1)[:dim], (3, 2, 2)[:dim], 1e3, 0.3)
-    up = ", ".join(["0"] * (dim - 1) + ["1"])
-    # A thousandth of the weight remains.
-    net = body.weight([0.0] * (dim - 1) + [0.001])
-    assert f"translation along ({up})" in str(refused(body, net))
-
-
-@pytest.mark.parametrize("dim", [2, 3])
 def test_a_distant_axis_is_described_as_a_translation(dim: int) -> None:
     """A rotation by ω about a centre that moves by 1, over a length of 3."""
     plane = np.array([(x, y) for x in range(4) for y in range(3)], dtype=float)

@@ -234,13 +234,6 @@ def test_a_sparse_R_may_hold_other_numbers(kind: type) -> None:
     assert check(rigid(R, np.array([-1.0, 0.5]), 0.5, 2)) == "balanced"
 
 
-@pytest.mark.parametrize("seconds", [0.0, -1.0, np.nan])
-def test_a_limit_of_time_is_positive(seconds: float) -> None:
-    problem = block(np.array([0.0, 0, -1, 0, 0, 0]), 0.5)
-    with pytest.raises(ValueError, match=r"max_seconds is .*, expected a positive"):
-        problem.equilibrium(max_seconds=seconds)
-
-
 def test_cohesion_holds_a_block_beyond_friction() -> None:
     # Two corners hold 0.5 of the weight 1, and 0.1 each, at most.
     R = np.array([[1.0, 0, -1], [0, 1, 1], [1, 0, 1], [0, 1, 1]])

@@ -20,7 +20,6 @@ from studies.measure import (
     Row,
     against,
     bounds,
-    row,
     solved,
 )
 
@@ -251,9 +250,3 @@ def test_the_tables_keep_the_bounds(name: str) -> None:
         assert all(
             x.law <= LAWFUL for x in solved_rows if np.isnan(x.bound_r + x.bound_v)
         )
-
-
-def test_a_row_names_the_error() -> None:
-    line = np.linspace(0, 1, 5)
-    case, _ = blocks.column([1.0, 1e16], 0.3, (line, line), bonded=True)
-    assert row("bonded", 1e16, case).outcome == "NotConvergedError"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import bipot_rs as bp
 from bipot_rs.contact.results.minimising_sequence import MinimisingSequence
 from bipot_rs.theory.functionals import Functionals, of_problem
+from support.random_problems import random_problem as held_problem
 
 Array = NDArray[np.float64]
 METHOD = "minimising_sequence"
@@ -280,3 +281,29 @@ def test_a_positive_limit_is_a_pair_without_a_solution() -> None:
             # The fields are at rest: each is the minimum for the other.
             assert np.ptp(limit) <= 1e-6 * limit[-1]
     assert stalled > 0
+
+
+def test_the_bifunctional_bounds_the_error() -> None:
+    """½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B, which is sharp after a step in u and one in r."""
+    sharpness = []
+    for seed in range(60):
+        W, q, mu, _ = held_problem("held", 2 + seed % 2, seed)
+        problem, K = bp.ReducedProblem(W, q, mu), np.linalg.inv(W)
+        answer = problem.solve(tol=1e-15)
+        L = answer.error.contraction
+        if L is None or L >= 1 or not answer.reaction.any():
+            continue
+        start = bp.project(answer.reaction + 0.1 * np.ones(q.shape), mu)[0]
+        sequence = sequence_of(problem.solve(METHOD, start=start, tol=1e-12))
+        for i, value in enumerate(sequence.bifunctional[:4]):
+            x = sequence.relative_displacement[i // 2] - answer.relative_displacement
+            y = sequence.reaction[(i + 1) // 2] - answer.reaction
+            away = (x.ravel() @ K @ x.ravel() + y.ravel() @ W @ y.ravel()) / 2
+            # Differences of products of size one.
+            assert (1 - L) * away <= value * (1 + 1e-9) + 1e-14
+            if i == 1:
+                sharpness.append(value / away)
+    # The constant in B/away may be anything between 1 - L and 1.
+    assert len(sharpness) > 10
+    assert np.quantile(sharpness, 0.1) > 0.5
+    assert np.quantile(sharpness, 0.9) < 2
