@@ -120,6 +120,46 @@ def project(g: Good = G, **changed: Any) -> Any:
     return bp.project(arguments.pop("tau"), arguments.pop("mu"), **arguments)
 
 
+def follow(g: Good = G, **changed: Any) -> Any:
+    return problem(g).follow(**{"load": g.load, "prescribed": g.prescribed} | changed)
+
+
+def wear(g: Good = G, **changed: Any) -> Any:
+    arguments = {"load": [g.load, -g.load], "coefficient": 1e-9, "cycles": 3} | changed
+    return problem(g, area=[1.0, 1.0]).wear(arguments.pop("load"), **arguments)
+
+
+def jvp(g: Good = G, **changed: Any) -> Any:
+    return solve(g).jvp(**changed)
+
+
+def vjp(g: Good = G, **changed: Any) -> Any:
+    return solve(g).vjp(**changed)
+
+
+def reduced_jvp(g: Good = G, **changed: Any) -> Any:
+    return reduced(g).solve().jvp(**changed)
+
+
+def reduced_vjp(g: Good = G, **changed: Any) -> Any:
+    return reduced(g).solve().vjp(**changed)
+
+
+def state(_: Good = G, **changed: Any) -> bp.State:
+    at = {"reaction": [[1.0, 0.0]], "relative_displacement": [[0.0, 0.0]]} | changed
+    return bp.State(**at)
+
+
+def moving_gaps(_: Good = G, **changed: Any) -> bp.MovingGaps:
+    given = {"gap": [0.0], "frame": [np.eye(2)], "drag": [[0.0, 0.0]]} | changed
+    return bp.MovingGaps(**given)
+
+
+def few_digits(g: Good = G, **changed: Any) -> bp.ContactProblem:
+    at = np.repeat([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], 2, axis=0)
+    return problem(g, **{"coordinates": at, "stiffness_rtol": 1e-8} | changed)
+
+
 def save(g: Good = G, **changed: Any) -> Any:
     return solve(g).save(**changed)
 
@@ -282,7 +322,71 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
     (solve, "start", reduced_solve(good(2, 3)), EITHER, "Solution"),
     (reduced_solve, "start", reduced(rigid=rigid(e=[-1.0, 0.0])).solve(), VALUE,
      "2 rigid motions"),
+    (state, "reaction", [[-1.0, 0.0]], VALUE, "pulls at contact 0: .* expected r_n >= 0"),
+    (state, "reaction", [1.0, 0.0], VALUE, "has 1 dimension, expected 2"),
+    (state, "reaction", [[NAN, 0.0]], VALUE, "is nan at"),
+    (state, "reaction", [[1.0]], VALUE, r"has shape \(1, 1\)"),
+    (state, "relative_displacement", [[0.0, 0.0, 0.0]], VALUE, r"has shape \(1, 3\)"),
+    (state, "broken", [True, True], VALUE, r"\(2,\).*\(1,\)"),
+    (state, "broken", [1], VALUE, "int64.*booleans"),
+    (state, "broken", "no", VALUE, "booleans"),
+    (state, "dilation", [NAN], VALUE, ""),
+    (state, "dilation", [-1.0], VALUE, "of contact 0 is -1, expected zero or"),
+    # Gaps of a step and of a path.
+    (step, "gap", np.zeros((3, 2)), VALUE, r"has shape \(3, 2\), expected \(2,\) or"),
+    (solve, "gap", np.zeros(5), VALUE, r"has shape \(5,\), expected \(2,\), \(steps, 2\) or"),
+    (solve, "gap", np.zeros((3, 2, 3)), VALUE, r"has shape \(3, 2, 3\)"),
+    (solve, "gap", np.full((4, 2), NAN), VALUE, r"is nan at \(0, 0\), expected finite numbers"),
+    (moving_gaps, "gap", 0.0, VALUE, r"of the moving gaps has shape \(\)"),
+    (moving_gaps, "gap", [NAN], VALUE, "of the moving gaps"),
+    (moving_gaps, "drag", [0.0, 0.0], VALUE, r"of the moving gaps has shape \(2,\)"),
+    (moving_gaps, "drag", [[0.0]], VALUE, r"of the moving gaps has shape \(1, 1\)"),
+    (moving_gaps, "frame", [2 * np.eye(2)], VALUE, "frame of contact 0 has the rows"),
+    (moving_gaps, "frame", np.eye(2), VALUE, "of the moving gaps has shape"),
+    # Automatic load steps.
+    (follow, "stops", [1.0, 1.0], VALUE, r"is \[1.0, 1.0\], expected ascending"),
+    (follow, "stops", [], VALUE, "expected ascending"),
+    (follow, "stops", [0.0, 1.0], VALUE, "the first above zero"),
+    (follow, "first", 2.0, VALUE, "smallest, first and largest are"),
+    (follow, "smallest", 0.0, VALUE, "smallest, first and largest are 0,"),
+    (follow, "largest", "x", TYPE, "is 'x', expected a number"),
+    (follow, "slip", -1.0, VALUE, "is -1, expected a positive length"),
+    (follow, "load", [1.0], VALUE, r"has shape \(1,\), expected \(6,\)"),
+    (follow, "load", lambda _: [1.0], VALUE, r"at s = 1 has shape \(1,\), expected \(6,\)"),
+    (follow, "load", lambda _: [1.0, NAN] * 3, VALUE, "at s = 1 is nan"),
+    (follow, "gap", lambda _: [0.0] * 3, VALUE, r"at s = 1 has shape \(3,\), expected"),
+    (follow, "gap", [0.0, 0.0], TYPE, "expected a function, or None"),
+    (follow, "on_step", 3, TYPE, "is 3, expected a function"),
+    (follow, "method", 3, TYPE, "is 3, expected a name"),
+    # Wear.
+    (wear, "load", np.zeros((0, 6)), VALUE, "no load steps, expected a cycle of at least"),
+    (wear, "coefficient", -1e-9, VALUE, "of contact 0 is -1e-09, expected zero or"),
+    (wear, "coefficient", [1.0] * 3, VALUE, r"has shape \(3,\), expected a number"),
+    (wear, "coefficient", NAN, VALUE, ""),
+    (wear, "cycles", 0, VALUE, "is 0, expected"),
+    (wear, "cycles", 1.5, EITHER, "is 1.5, expected"),
+    (wear, "rtol", 0.0, VALUE, "is 0, expected a number between 0 and 1"),
+    (wear, "jump", 1, TYPE, "is 1, expected a bool"),
+    (wear, "on_cycle", 1, TYPE, "is 1, expected a function"),
+    (wear, "start", 1, TYPE, "is"),
+    # Derivatives.
+    (jvp, "load", np.ones(7), VALUE, "has shape"),
+    (jvp, "load", np.ones((2, 6)), VALUE, "has 2 steps"),
+    (jvp, "gap", np.ones(77), VALUE, "has shape"),
+    (jvp, "mu", np.ones(77), VALUE, "has shape"),
+    (jvp, "K", np.eye(7), VALUE, "has shape"),
+    (jvp, "K", sparse.csr_array(np.triu(np.ones((6, 6)))), VALUE, "is not symmetric"),
+    (vjp, "reaction", "much", TYPE, ""),
+    (vjp, "slip", np.ones(3), VALUE, "has shape"),
+    (reduced_jvp, "W", np.eye(3), VALUE, r"has shape \(3, 3\), expected \(4, 4\)"),
+    (reduced_jvp, "q", [1.0], VALUE, "has shape"),
+    (reduced_vjp, "reaction", [1.0], VALUE, "has shape"),
     # Stiffnesses.
+    (few_digits, "stiffness_rtol", 0.0, VALUE, "is 0, expected the relative"),
+    (few_digits, "stiffness_rtol", 0.1, VALUE, "above 0 and at most 0.001"),
+    (few_digits, "stiffness_rtol", NAN, VALUE, "is nan"),
+    (few_digits, "stiffness_rtol", "8", TYPE, "is '8', expected a number"),
+    (few_digits, "coordinates", None, VALUE, "stiffness_rtol needs coordinates"),
     (problem, "K", HALF, VALUE, r"symmetric.*triangle only.*tril\(K, -1\)"),
     (problem, "K", HALF.T, VALUE, r"symmetric.*triangle only.*triu\(K, 1\)"),
     (problem, "K", put(put(G.K, (0, 1), G.K[0, 1] + 1e-5), (2, 3), 7.5), VALUE,
@@ -426,22 +530,6 @@ def test_what_is_not_derived_for_cohesion_and_dilatancy(what: str) -> None:
         ValueError, match=f"wear is not derived for contacts with {what}"
     ):
         problem(**law).wear(np.zeros(6), coefficient=1.0, cycles=2)
-
-
-@pytest.mark.parametrize(
-    ("broken", "message"),
-    [([True], r"\(1,\).*\(2,\)"), ([0, 1], "int64.*booleans"), ("no", "booleans")],
-)
-def test_a_state_with_wrong_broken_contacts(broken: object, message: str) -> None:
-    state = {"reaction": np.zeros((2, 2)), "relative_displacement": np.zeros((2, 2))}
-    with pytest.raises(ValueError, match=message):
-        bp.State(**state, broken=broken)
-    with pytest.raises(ValueError, match="dilation"):
-        bp.State(**state, dilation=[0.0, NAN])
-    with pytest.raises(
-        ValueError, match="dilation of contact 1 is -1, expected zero or"
-    ):
-        bp.State(**state, dilation=[0.0, -1.0])
 
 
 @pytest.mark.parametrize("what", ["cohesion", "dilatancy"])

@@ -1,33 +1,46 @@
-"""Gaps that change along the load path: obstacles that move."""
+"""Gaps and frames that change along the load path: obstacles that move, turn or curve."""
 
+import pickle
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy import sparse
+from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
+from bipot_rs.contact.law.frames import frames, turn_frames
+from bipot_rs.contact.law.slip_check import measure_displacement
+from bipot_rs.theory import functionals, law
 from support.bodies import Body, block
+from support.comparisons import bits
+
+pytestmark = pytest.mark.needs_extra
 
 TOL = 1e-13
-# Two solutions with η = 1e-13 whose data differ by the rounding of sums.
-SAME = 1e-10
+# Two solutions with η = 1e-13 whose matrices differ by the rounding of rotations.
+SAME = 1e-9
+ENGINES = ["direct", "iterative"]
 
 
 @cache
-def setup(dim: int) -> tuple[Body, Any, np.ndarray]:
-    """A block held at its top over a plane that slopes away."""
-    body = block([1.0] * dim, [5] * dim, 1.0, 0.3)
+def setup(dim: int) -> tuple[Body, Any, np.ndarray, np.ndarray]:
+    """A block held at its top over a plane that slopes away, its gap and its frames."""
+    body = block([1.0] * dim, [5 if dim == 2 else 3] * dim, 1.0, 0.3)
     fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
     gap = 0.03 * np.abs(body.points[:, 0] - 0.4)
-    return body, fixed, gap
+    normal = np.eye(dim)[-1]
+    return body, fixed, gap, frames(np.tile(normal, (len(gap), 1)))
 
 
 def make(dim: int, mu: Any = 0.3, **more: Any) -> bp.ContactProblem:
-    body, fixed, gap = setup(dim)
+    body, fixed, gap, base = setup(dim)
+    given = {"B": body.B, "gap": gap, "mu": mu, "fixed": fixed, "area": body.area}
+    given |= {"points": body.points, "frame": base}
     return bp.ContactProblem(
-        body.K, body.B, gap=gap, mu=mu, fixed=fixed, area=body.area, **more
+        body.K, **given | {"coordinates": body.basis.doflocs.T} | more
     )
 
 
@@ -47,17 +60,35 @@ def wall(dim: int) -> tuple[np.ndarray, np.ndarray]:
     return ways, gaps
 
 
+def turning(dim: int, steps: int = 4, seed: int = 3) -> bp.MovingGaps:
+    """Normals that turn, a surface that comes nearer and is dragged about."""
+    rng = np.random.default_rng(seed)
+    frame = setup(dim)[3]
+    count = len(frame)
+    frames_of_path = []
+    for _ in range(steps):
+        tilt = frame[:, 0] + 0.08 * rng.normal(size=(count, dim))
+        frame = turn_frames(frame, tilt / np.linalg.norm(tilt, axis=1, keepdims=True))
+        frames_of_path.append(frame)
+    gap = np.cumsum(rng.normal(-0.004, 0.006, size=(steps, count)), axis=0)
+    drag = np.cumsum(0.01 * rng.normal(size=(steps, count, dim)), axis=0)
+    return bp.MovingGaps(gap, np.array(frames_of_path), drag)
+
+
+# Gaps of four steps in space.
+MOVING = {"gaps": lambda: wall(3)[1], "frames": lambda: turning(3)}
+
+
+def close(found: Any, expected: Any, share: float = SAME) -> None:
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=share * size)
+
+
 def as_supports(dim: int, ways: np.ndarray) -> np.ndarray:
     """Prescribed displacements of the top with the same effect on the body as the wall."""
     fixed = len(setup(dim)[1]) // dim
     in_axes = np.column_stack([ways[:, 1:], ways[:, 0]])
     return np.repeat(-in_axes, fixed, axis=1)
-
-
-def close(found: np.ndarray, expected: np.ndarray) -> None:
-    np.testing.assert_allclose(
-        found, expected, rtol=0, atol=SAME * np.abs(expected).max()
-    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -76,75 +107,6 @@ def test_a_moving_wall_equals_a_moving_body(dim: int) -> None:
     shift[:-1], shift[-1] = ways[:, 1:].T, ways[:, 0]
     n = moving.displacement.shape[1] // dim
     close(moving.displacement - np.tile(shift.T, n), body.displacement)
-
-
-def test_a_working_set_grows_by_contacts_that_a_step_closes() -> None:
-    body = block([1.0, 1.0], [320, 4], 1.0, 0.3)
-    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
-    x = body.points[:, 0]
-    start = 0.1 + (x - 0.2) ** 2 / 2
-    # A roller passes by: each step closes other contacts.
-    gaps = np.array([(x - c) ** 2 / 2 - 0.002 for c in (0.2, 0.5, 0.8)])
-    results = []
-    for grow in (True, False):
-        problem = bp.ContactProblem(
-            body.K, body.B, gap=start, mu=0.4, fixed=fixed, working_set=grow
-        )
-        assert (problem.stats["working_set"] is not None) == grow
-        results.append(problem.solve(gap=gaps, tol=TOL))
-    grown, whole = results
-    assert np.array_equal(grown.status, whole.status)
-    assert [x[s != 0].mean().round(1) for s in whole.status] == [0.2, 0.5, 0.8]
-    # Cells with aspect ratio 80 cost both W's three digits more than SAME.
-    for name in ("reaction", "relative_displacement"):
-        expected = getattr(whole, name)
-        within = 1e3 * SAME * np.abs(expected).max()
-        assert np.abs(getattr(grown, name) - expected).max() <= within
-
-
-@pytest.mark.parametrize("mu", [0.3, (0.3, 0.1)])
-def test_the_gaps_of_the_problem_given_again_change_no_bit(mu: Any) -> None:
-    dim = 2 if np.ndim(mu) == 0 else 3
-    gap = setup(dim)[2]
-    friction = mu if dim == 2 else np.tile(mu, (len(gap), 1))
-    problem = make(dim, friction)
-    prescribed = as_supports(dim, wall(dim)[0])
-    without = problem.solve(prescribed=prescribed)
-    with_gap = problem.solve(prescribed=prescribed, gap=gap)
-    for name in ("reaction", "relative_displacement", "slip", "status", "displacement"):
-        assert np.array_equal(getattr(without, name), getattr(with_gap, name))
-    assert without[0].gap is None
-    np.testing.assert_array_equal(with_gap[0].gap[:, 0], gap)
-
-
-@pytest.mark.parametrize("mu", [0.3, (0.3, 0.1)])
-def test_a_step_is_the_problem_with_its_gaps(mu: Any) -> None:
-    """Each step solved again by a new problem with the gaps of that step."""
-    dim = 2 if np.ndim(mu) == 0 else 3
-    body, fixed, gap = setup(dim)
-    friction = mu if dim == 2 else np.tile(mu, (len(gap), 1))
-    problem = make(dim, friction)
-    gaps = wall(dim)[1]
-    path = problem.solve(gap=gaps, tol=TOL)
-    before = None
-    for k, step in enumerate(path):
-        held_problem = bp.ContactProblem(
-            body.K, body.B, gap=gaps[k], mu=friction, fixed=fixed, area=body.area
-        )
-        same = held_problem.solve(start=before, tol=TOL)[0]
-        for name in ("reaction", "relative_displacement", "slip", "displacement"):
-            value, expected = getattr(step, name), getattr(same, name)
-            assert np.array_equal(value, expected), name
-        assert step.unique == same.unique
-        assert step.error.kind == same.error.kind
-        if dim == 2:
-            assert step.error_estimate == same.error_estimate
-            assert step.error.energy == same.error.energy
-        reduced = problem.reduced(start=before, gap=gaps[k])
-        again = reduced.solve(tol=TOL)
-        close(again.reaction, step.reaction)
-        np.testing.assert_array_equal(reduced.q, held_problem.reduced(start=before).q)
-        before = step
 
 
 def test_friction_reverses_with_the_wall() -> None:
@@ -171,34 +133,334 @@ def test_friction_reverses_with_the_wall() -> None:
     close(result.relative_displacement, moved + there)
 
 
-def test_continuing_from_a_step_gives_the_same_bits(tmp_path: Path) -> None:
-    problem = make(3)
-    gaps = wall(3)[1]
-    whole = problem.solve(gap=gaps)
-    first = problem.solve(gap=gaps[:2])
-    first.save(tmp_path / "first.h5")
-    read = bp.load(tmp_path / "first.h5")
-    np.testing.assert_array_equal(read[1].gap, gaps[1])
-    for start in (first, read):
-        rest = problem.solve(gap=gaps[2:], start=start)
-        assert np.array_equal(rest.reaction, whole.reaction[2:])
-        assert np.array_equal(rest.slip, whole.slip[2:])
+def of_angle(angle: float) -> np.ndarray:
+    """Frame (n, t) with n along y, turned by an angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[-s, c], [c, s]])
 
 
-def test_paths_side_by_side_have_the_bits_of_one() -> None:
-    problem = make(3)
-    gaps = wall(3)[1]
-    cases = [{"gap": gaps}, {"gap": gaps[:, :, 0], "mu": 0.6}, {"gap": gaps[::-1]}]
-    alone = [
-        problem.solve(gap=gaps),
-        make(3, 0.6).solve(gap=gaps[:, :, 0]),
-        problem.solve(gap=gaps[::-1]),
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("mu", [0.0, 0.1, 5.0])
+def test_a_node_on_springs_under_a_turning_plane(mu: float, engine: str) -> None:
+    """The plane turns about the node by 8° in each step and stays δ inside it.
+
+    Springs of equal stiffness k: r = k u with n·u = δ. Without slip t·u is that of the
+    displacement before, and friction limits it to μ δ.
+    """
+    k, delta, angles = 1e6, 1e-3, np.deg2rad([0.0, 8.0, 16.0, 24.0, 16.0, 8.0])
+    bases = np.array([[of_angle(a)] for a in angles])
+    moving = bp.MovingGaps(np.full((6, 1), -delta), bases, np.zeros((6, 1, 2)))
+    problem = bp.ContactProblem(
+        k * np.eye(2),
+        bases[0, 0],
+        gap=[0.0],
+        mu=mu,
+        frame=bases[0],
+        coordinates=np.zeros((2, 2)),
+        gaps=moving,
+        engine=engine,
+    )
+    result = problem.solve(tol=TOL)
+    u, slipped = np.zeros(2), 0
+    for angle, step in zip(angles, result, strict=True):
+        n, t = of_angle(angle)
+        before = t @ u
+        held = np.clip(before, -mu * delta, mu * delta)
+        slipped += held != before
+        u = delta * n + held * t
+        # 1e-12: some digits less than the tolerance of the solver.
+        np.testing.assert_allclose(step.displacement, u, rtol=0, atol=1e-12 * delta)
+        local = k * delta * np.array([1.0, held / delta])
+        np.testing.assert_allclose(step.reaction[0], local, atol=1e-12 * k * delta)
+        assert step.slip[0, 0] == pytest.approx(held - before, abs=1e-12 * delta)
+    assert slipped == {0.0: 5, 0.1: 4, 5.0: 0}[mu]
+    force = result.resultant
+    np.testing.assert_allclose(force, k * result.displacement, atol=1e-9 * k * delta)
+
+
+def alone(dim: int, moving: bp.MovingGaps, mu: Any, **more: Any) -> list[bp.Step]:
+    """The same path, with a problem of its own for each step: B and history by hand."""
+    body, *_, base = setup(dim)
+    plain = body.B.toarray().reshape(len(base), dim, -1)
+    # In global components: B is in the frames of the start.
+    node = np.einsum("ckd,ckn->cdn", base, plain)
+    w, steps_alone = np.zeros((len(base), dim)), []
+    for k in range(len(moving)):
+        gap_of_step = moving[k]
+        B = np.einsum("ckd,cdn->ckn", gap_of_step.frame, node).reshape(
+            -1, body.K.shape[0]
+        )
+        gap = -np.einsum("ckd,cd->ck", gap_of_step.frame, gap_of_step.drag + w)
+        gap[:, 0] = gap_of_step.gap
+        problem = make(dim, mu, B=sparse.csr_array(B), engine="direct", **more)
+        (step,) = problem.solve(gap=gap[None], tol=TOL)
+        w = np.einsum("cdn,n->cd", node, step.displacement) - gap_of_step.drag
+        steps_alone.append(step)
+    return steps_alone
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(
+    ("dim", "mu"), [(2, 0.3), (3, 0.0), (3, 0.3), (3, [0.4, 0.2])], ids=str
+)
+def test_each_step_is_that_of_a_problem_in_its_frames(
+    dim: int, mu: Any, engine: str
+) -> None:
+    mu = np.tile(mu, (len(setup(dim)[2]), 1)) if np.ndim(mu) else mu
+    moving = turning(dim)
+    result = make(dim, mu, gaps=moving, engine=engine).solve(tol=TOL)
+    statuses = set()
+    for step, expected, frame in zip(
+        result, alone(dim, moving, mu), moving.frame, strict=True
+    ):
+        assert step.converged
+        assert np.array_equal(step.status, expected.status)
+        statuses |= set(step.status.tolist())
+        close(step.reaction, expected.reaction)
+        close(step.slip, expected.slip)
+        close(step.displacement, expected.displacement)
+        force = np.einsum("ck,ckd->d", expected.reaction, frame)
+        close(step.reaction[:, 0].sum(), expected.reaction[:, 0].sum())
+        close(result.resultant[result.steps.index(step)], force)
+        if engine == "direct":
+            # Bounds and estimates are about the problem of the step.
+            assert step.unique == expected.unique
+            bound, other = step.error, expected.error
+            assert (bound.kind, bound.unique) == (other.kind, other.unique)
+            assert (bound.energy is None) == (other.energy is None)
+            assert step.error_estimate is not None
+            assert max(step.error_estimate) < 1e-9
+    assert {0, 1} <= statuses
+
+
+def test_a_working_set_changes_nothing() -> None:
+    results = [
+        make(3, gaps=turning(3), engine="direct", working_set=some).solve(tol=TOL)
+        for some in (True, None)
     ]
-    for many, alone_result in zip(problem.solve_many(cases), alone, strict=True):
-        assert many.success
-        assert np.array_equal(many.reaction, alone_result.reaction)
-        assert np.array_equal(many.slip, alone_result.slip)
-        assert [step.unique for step in many] == [step.unique for step in alone_result]
+    close(results[0].reaction, results[1].reaction)
+    close(results[0].displacement, results[1].displacement)
+
+
+@pytest.mark.parametrize("motion", MOVING)
+def test_the_reduced_problem_is_that_of_the_step(motion: str) -> None:
+    moving = MOVING[motion]()
+    problem = make(3, gaps=moving, engine="direct")
+    result = problem.solve(tol=TOL)
+    for k, step in enumerate(result):
+        reduced = problem.reduced(start=result[k - 1] if k else None, gap=moving[k])
+        assert reduced.residual(step.reaction) < 1e-12
+        close(reduced.solve(tol=TOL).relative_displacement[:, 1:], step.slip)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_frames_of_the_problem_change_no_bit(engine: str) -> None:
+    still, base = turning(3), setup(3)[3]
+    moving = bp.MovingGaps(still.gap, np.array([base] * 4), still.drag)
+    solved = make(3, gaps=moving, engine=engine).solve()
+    plain = make(3, gaps=moving.by_component, engine=engine).solve()
+    assert bits(solved, plain)
+    assert solved[0].frame is not None
+    assert plain[0].frame is None
+
+
+@pytest.mark.parametrize("motion", MOVING)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_path_continues_from_a_part_a_file_and_another_process(
+    engine: str, motion: str, tmp_path: Path
+) -> None:
+    """The first steps do not depend on later ones."""
+    moving = MOVING[motion]()
+    problem = make(3, gaps=moving, engine=engine)
+    whole = problem.solve()
+    part = problem.solve(start=None, gap=moving[:2])
+    assert bits(part, whole[:2])
+    assert bits(pickle.loads(pickle.dumps(problem)).solve(), whole)
+    part.save(tmp_path / "part.h5")
+    for start in (part, bp.load_result(tmp_path / "part.h5")):
+        assert np.array_equal(start[1].gap, whole[1].gap)
+        assert bits(problem.solve(start=start), whole[2:])
+        (many,) = problem.solve_many([{"start": start}])
+        assert bits(many, whole[2:])
+    if motion == "frames":
+        for name in ("frame", "drag"):
+            assert np.array_equal(getattr(start[1], name), getattr(whole[1], name))
+        moving = moving.opened(np.full(len(setup(3)[2]), 1e-3))
+    else:
+        moving = moving + 1e-3
+    with pytest.raises(ValueError, match="another gap than load step 2"):
+        make(3, gaps=moving, engine=engine).solve(start=part)
+
+
+@pytest.mark.parametrize("motion", MOVING)
+def test_paths_side_by_side_and_automatic_steps(motion: str) -> None:
+    moving = MOVING[motion]()
+    problem = make(3, engine="direct")
+    expected = problem.solve(gap=moving)
+    plain = turning(3).by_component
+    first, second = problem.solve_many([{"gap": moving}, {"gap": plain, "mu": 0.1}])
+    assert bits(first, expected)
+    assert bits(second, make(3, 0.1, engine="direct").solve(gap=plain))
+    stops = [1.0, 2.0, 3.0, 4.0]
+    followed = problem.follow(
+        gap=lambda s: moving[round(s) - 1], stops=stops, largest=1.0, smallest=1.0
+    )
+    assert bits(followed, expected)
+
+
+def test_back_to_gaps_without_frames() -> None:
+    """After steps in other frames the path goes on in the frames of B."""
+    moving, base = turning(3), setup(3)[3]
+    problem = make(3, engine="direct")
+    turned = problem.solve(gap=moving[:1])
+    rest = np.zeros((2, len(base), 3))
+    rest[:, :, 0] = -0.01
+    back = problem.solve(gap=rest, start=turned)
+    drag = np.zeros((3, len(base), 3))
+    drag[0] = moving.drag[0]
+    gap = np.array([moving.gap[0], *rest[:, :, 0]])
+    whole = bp.MovingGaps(gap, np.array([moving.frame[0], base, base]), drag)
+    expected = problem.solve(gap=whole)
+    close(back.reaction, expected.reaction[1:])
+    close(back.slip, expected.slip[1:])
+
+
+def test_wear_opens_the_gap_along_the_normal_of_the_step() -> None:
+    """One cycle wears ``k p |slip|`` of the path without wear, where that is small."""
+    problem = make(3, gaps=turning(3), engine="direct")
+    result = problem.solve(tol=TOL)
+    k = 1e-9
+    worn = problem.wear(coefficient=k, cycles=1, jump=False, tol=TOL)
+    slip = np.linalg.norm(result.slip, axis=2)
+    expected = k * (result.reaction[:, :, 0] / setup(3)[0].area * slip).sum(axis=0)
+    # The wear of earlier steps changes later ones by about its share of the approach.
+    np.testing.assert_allclose(worn.depth[-1], expected, atol=1e-6 * expected.max())
+
+
+def test_what_is_asked_of_a_path_with_frames() -> None:
+    """Obstacles that move are no distance from the geometry; theory and derivatives refuse."""
+    problem = make(3, gaps=turning(3), engine="direct")
+    result = problem.solve(tol=TOL)
+    body, base = setup(3)[0], setup(3)[3]
+    for step in result:
+        u = np.einsum("cdk,cd->ck", base, (body.B @ step.displacement).reshape(-1, 3))
+        expected = np.einsum("ckd,cd->ck", step.frame[:, 1:], u)
+        close(measure_displacement(step, np.arange(len(u))), expected, 1e-12)
+    structure = functionals.of_problem(problem, body.K)
+    for refused in (
+        lambda: functionals.Functionals.of_step(structure, result),
+        lambda: law.step_of(result, 1),
+        lambda: result.jvp(mu=1.0),
+        lambda: result.vjp(reaction=np.ones_like(result.reaction)),
+    ):
+        with pytest.raises(ValueError, match="has frames of its own"):
+            refused()
+
+
+def test_a_support_oblique_to_a_frame_leaves_the_step_to_the_direct_engine() -> None:
+    """Node 1 moves along x only: in a turned frame its support is oblique."""
+    bases = np.array([[of_angle(a)] for a in (0.0, 0.3)])
+    moving = bp.MovingGaps([[-1e-3], [-1e-3]], bases, np.zeros((2, 1, 2)))
+
+    def solved(engine: str) -> bp.Result:
+        problem = bp.ContactProblem(
+            np.array([[2e6, 1e5], [1e5, 1e6]]),
+            bases[0, 0],
+            gap=[0.0],
+            mu=0.0,
+            fixed=[0],
+            frame=bases[0],
+            coordinates=np.zeros((2, 2)),
+            gaps=moving,
+            engine=engine,
+        )
+        return problem.solve(tol=TOL)
+
+    by_iteration, expected = solved("iterative"), solved("direct")
+    close(by_iteration.reaction, expected.reaction)
+    # n·u = δ with u along y.
+    assert expected.displacement[1, 1] == pytest.approx(1e-3 / np.cos(0.3), rel=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_smallest_rotation_of_a_frame(dim: int) -> None:
+    rng = np.random.default_rng(8)
+    first, second = rng.normal(size=(2, 50, dim))
+    second /= np.linalg.norm(second, axis=1, keepdims=True)
+    frame = frames(first)
+    turned = turn_frames(frame, second)
+    eye = np.tile(np.eye(dim), (50, 1, 1))
+    np.testing.assert_allclose(turned @ turned.swapaxes(1, 2), eye, atol=1e-14)
+    np.testing.assert_array_equal(turned[:, 0], second)
+    np.testing.assert_allclose(
+        np.linalg.det(turned), np.linalg.det(frame), rtol=0, atol=1e-14
+    )
+    if dim == 3:
+        # The axis of the rotation is n × n', so that nothing turns about the normal.
+        R = np.einsum("cki,ckj->cij", turned, frame)
+        axis = np.array(
+            [Rotation.from_matrix(rotation_matrix).as_rotvec() for rotation_matrix in R]
+        )
+        expected = np.cross(frame[:, 0], second)
+        lined = np.linalg.norm(np.cross(axis, expected), axis=1)
+        np.testing.assert_allclose(lined, 0, atol=1e-12)
+    assert np.array_equal(turn_frames(frame, frame[:, 0]), frame)
+    opposite = turn_frames(frame, -frame[:, 0])
+    np.testing.assert_allclose(opposite @ opposite.swapaxes(1, 2), eye, atol=1e-14)
+    np.testing.assert_allclose(
+        np.linalg.det(opposite), np.linalg.det(frame), rtol=0, atol=1e-14
+    )
+
+
+def test_wrong_uses() -> None:
+    K, base = np.eye(2), np.eye(2)[None]
+    moving = bp.MovingGaps([0.0], base, [[0.0, 0.0]])
+    arguments: Any = {"gap": [0.0], "mu": 0.3}
+    with pytest.raises(ValueError, match="pass frame= to ContactProblem"):
+        bp.ContactProblem(K, np.eye(2), gaps=moving, **arguments)
+    problem = bp.ContactProblem(K, np.eye(2), frame=base, **arguments)
+    with pytest.raises(ValueError, match="moving gaps of 2 contacts"):
+        problem.solve(gap=bp.MovingGaps([0.0] * 2, [np.eye(2)] * 2, np.zeros((2, 2))))
+    with pytest.raises(ValueError, match="expected those of one, moving"):
+        problem.reduced(gap=bp.MovingGaps([[0.0]], [base], [[[0.0, 0.0]]]))
+    with pytest.raises(TypeError, match="one step, which has no length"):
+        len(moving)
+    turned = bp.MovingGaps([[0.0]], [[of_angle(0.1)]], [[[0.0, 0.0]]])
+    result = problem.solve(gap=turned)
+    bare = bp.ContactProblem(K, np.eye(2), **arguments)
+    with pytest.raises(ValueError, match="start has frames of its own"):
+        bare.solve(start=result)
+    with pytest.raises(ValueError, match="start has frames of its own"):
+        bare.reduced(start=result)
+
+
+@pytest.mark.parametrize(("dim", "mu"), [(2, 0.3), (3, [0.3, 0.1])])
+def test_rows_of_loads_and_gaps(dim: int, mu: Any) -> None:
+    """The gaps of the problem given again change no bit; a single row is repeated."""
+    body, fixed, gap, _ = setup(dim)
+    mu = mu if dim == 2 else np.tile(mu, (len(gap), 1))
+    problem = make(dim, mu)
+    ways, gaps = wall(dim)
+    prescribed = as_supports(dim, ways)
+    without = problem.solve(prescribed=prescribed)
+    with_gap = problem.solve(prescribed=prescribed, gap=gap)
+    assert bits(with_gap, without)
+    assert without[0].gap is None
+    np.testing.assert_array_equal(with_gap[0].gap[:, 0], gap)
+    moved = problem.solve(prescribed=prescribed[0], gap=gaps)
+    spelled = problem.solve(prescribed=np.tile(prescribed[0], (4, 1)), gap=gaps)
+    assert bits(moved, spelled)
+    kept = problem.solve(prescribed=prescribed, gap=gaps[1:2])
+    assert bits(kept, problem.solve(prescribed=prescribed, gap=gaps[[1] * 4]))
+    with_loads = make(dim, mu, loads=(None, prescribed)).solve(gap=gaps)
+    both = problem.solve(prescribed=prescribed, gap=gaps)
+    # Loads pass the factor as a block and not one by one.
+    close(with_loads.reaction, both.reaction)
+    arguments: Any = {"gap": gap, "mu": mu, "fixed": fixed}
+    once = bp.solve(body.K, body.B, gaps=gaps, **arguments)
+    close(once.reaction, problem.solve(gap=gaps).reaction)
+    with pytest.raises(ValueError, match="case 0: gap"):
+        problem.solve_many([{"gap": np.zeros(len(gap) - 1)}])
 
 
 def test_files_of_steps_hold_the_problem_of_the_step(tmp_path: Path) -> None:
@@ -211,17 +473,6 @@ def test_files_of_steps_hold_the_problem_of_the_step(tmp_path: Path) -> None:
         alone = bp.fclib.read(path)
         assert alone.residual(step.reaction) <= step.tolerance
         close(alone.solve().reaction, step.reaction)
-
-
-def test_gaps_of_the_problem() -> None:
-    body, fixed, gap = setup(2)
-    moving = wall(2)[1]
-    told = make(2).solve(gap=moving)
-    arguments: Any = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
-    solved = bp.solve(body.K, body.B, gaps=moving, **arguments)
-    assert np.array_equal(solved.reaction, told.reaction)
-    with pytest.raises(ValueError, match=r"gap has shape \(4, 5\), expected \(6,\)"):
-        bp.solve(body.K, body.B, gaps=np.zeros((4, 5)), **arguments)
 
 
 def test_loads_and_gaps_of_the_problem_continue_after_the_start(tmp_path: Path) -> None:
@@ -296,48 +547,6 @@ def test_a_start_that_does_not_determine_the_next_step() -> None:
         loads.solve(start=make(2).solve(prescribed=2 * prescribed[0]))
 
 
-def test_a_single_row_of_loads_or_gaps_is_repeated() -> None:
-    problem = make(2)
-    prescribed = as_supports(2, wall(2)[0])
-    gaps = wall(2)[1]
-    moved = problem.solve(prescribed=prescribed[0], gap=gaps)
-    spelled = problem.solve(prescribed=np.tile(prescribed[0], (4, 1)), gap=gaps)
-    assert np.array_equal(moved.reaction, spelled.reaction)
-    kept = problem.solve(prescribed=prescribed, gap=gaps[1:2])
-    assert len(kept) == 4
-    with_loads = make(2, loads=(None, prescribed))
-    np.testing.assert_array_equal(
-        with_loads.solve(gap=gaps).reaction,
-        problem.solve(prescribed=prescribed, gap=gaps).reaction,
-    )
-
-
-@pytest.mark.parametrize(
-    ("gap", "message"),
-    [
-        (np.zeros(5), r"gap has shape \(5,\), expected \(6,\), \(steps, 6\) or"),
-        (np.zeros((3, 6, 3)), r"gap has shape \(3, 6, 3\)"),
-        (
-            np.zeros((3, 6)),
-            "gap has 3 steps but the load path has 4: expected the same number",
-        ),
-        (np.full((4, 6), np.nan), r"gap is nan at \(0, 0\), expected finite numbers"),
-    ],
-)
-def test_wrong_gaps(gap: np.ndarray, message: str) -> None:
-    problem = make(2)
-    prescribed = as_supports(2, wall(2)[0])
-    with pytest.raises(ValueError, match=message):
-        problem.solve(prescribed=prescribed, gap=gap)
-    with pytest.raises(ValueError, match="case 0: gap"):
-        problem.solve_many([{"prescribed": prescribed, "gap": gap}])
-
-
-def test_a_gap_of_one_step() -> None:
-    with pytest.raises(ValueError, match=r"gap has shape \(2, 6\), expected \(6,\) or"):
-        make(2).reduced(gap=np.zeros((2, 6)))
-
-
 def test_existence_uses_the_gaps_of_the_step() -> None:
     """A contact that cannot move has a solution if it is closed, none if it penetrates."""
     K, B = np.eye(2), np.eye(2)
@@ -359,15 +568,14 @@ def test_adaptive_steps() -> None:
         start = np.zeros_like(gaps[0])
         start[:, 0] = setup(dim)[2]
 
-        def at(s: float, gaps: Any = gaps, start: Any = start) -> Any:
-            gaps_with_start = np.concatenate([start[None], gaps])
-            before = min(int(s), len(gaps) - 1)
+        ends_of_steps = np.stack([start, *gaps])
+
+        def at(s: float, known: Any = ends_of_steps) -> Any:
+            before = min(int(s), 3)
             share = s - before
             if share == 1.0:
-                return gaps_with_start[before + 1]
-            return (1 - share) * gaps_with_start[before] + share * gaps_with_start[
-                before + 1
-            ]
+                return known[before + 1]
+            return (1 - share) * known[before] + share * known[before + 1]
 
         ends = np.arange(1.0, 5.0)
         followed = problem.follow(stops=ends, largest=1.0, gap=at, tol=TOL)
@@ -381,20 +589,6 @@ def test_adaptive_steps() -> None:
         assert divided.reaction.tobytes() == again.reaction.tobytes()
         rest = problem.follow(stops=ends, gap=at, slip=most, tol=TOL, start=divided[2])
         assert rest.reaction.tobytes() == divided.reaction[3:].tobytes()
-
-
-def test_wrong_gaps_of_follow() -> None:
-    _, gaps = wall(2)
-    problem = make(2)
-    with pytest.raises(ValueError, match=r"gap at s = 1 has shape \(2,\), expected"):
-        problem.follow(gap=lambda _: [0.0, 1.0])
-    with pytest.raises(TypeError, match="gap is"):
-        problem.follow(gap=gaps[0])
-    # Otherwise the obstacles would stop moving without a message.
-    with pytest.raises(
-        ValueError, match="gap is missing: the gaps of this problem have 4"
-    ):
-        make(2, gaps=gaps).follow()
 
 
 def test_loads_of_the_problem_need_an_explicit_load_for_one_step() -> None:
@@ -413,3 +607,8 @@ def test_loads_of_the_problem_need_an_explicit_load_for_one_step() -> None:
     for problem in (with_row, several):
         with pytest.raises(ValueError, match=r"load is missing: .* as a function of s"):
             problem.follow()
+    # Otherwise the obstacles would stop moving without a message.
+    with pytest.raises(
+        ValueError, match="gap is missing: the gaps of this problem have 4"
+    ):
+        make(2, gaps=wall(2)[1]).follow()

@@ -181,31 +181,3 @@ def test_an_array_grows_in_proportion() -> None:
     steps = np.outer(result.s / 2, load)
     steps[-1] = load
     assert bits(result, spring().solve(steps))
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "words"),
-    [
-        ({"stops": [1.0, 1.0]}, ValueError, "stops is [1.0, 1.0], expected ascending"),
-        ({"stops": []}, ValueError, "stops is [], expected ascending"),
-        ({"stops": [0.0, 1.0]}, ValueError, "the first above zero"),
-        ({"first": 2.0}, ValueError, "smallest, first and largest are"),
-        ({"smallest": 0.0}, ValueError, "smallest, first and largest are 0,"),
-        ({"largest": "x"}, TypeError, "largest is 'x', expected a number"),
-        ({"slip": -1.0}, ValueError, "slip is -1, expected a positive length"),
-        ({"load": [1.0]}, ValueError, "load has shape (1,), expected (2,)"),
-        (
-            {"load": lambda _: [1.0]},
-            ValueError,
-            "load at s = 1 has shape (1,), expected (2,)",
-        ),
-        ({"load": lambda _: [1.0, np.nan]}, ValueError, "load at s = 1 is nan"),
-        ({"on_step": 3}, TypeError, "on_step is 3, expected a function"),
-        ({"method": 3}, TypeError, "method is 3, expected a name"),
-    ],
-)
-def test_wrong_arguments(options: Any, error: Any, words: str) -> None:
-    load = options.pop("load", [-1.0, 0.0])
-    with pytest.raises(error) as refused:
-        spring().follow(load, **options)
-    assert words in str(refused.value)

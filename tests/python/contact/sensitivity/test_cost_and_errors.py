@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import _core
@@ -121,26 +120,6 @@ def test_a_path_that_ended_early() -> None:
     assert error.value.result is not None
     with pytest.raises(ValueError, match="no steps"):
         error.value.result.jvp(mu=1.0)
-
-
-def test_wrong_arguments(path: bp.Result) -> None:
-    steps, n = path.displacement.shape
-    with pytest.raises(ValueError, match="load has shape"):
-        path.jvp(load=np.ones(n + 1))
-    with pytest.raises(ValueError, match=f"load has {steps + 1} steps"):
-        path.jvp(load=np.ones((steps + 1, n)))
-    with pytest.raises(ValueError, match="gap has shape"):
-        path.jvp(gap=np.ones(77))
-    with pytest.raises(ValueError, match="mu has shape"):
-        path.jvp(mu=np.ones(77))
-    with pytest.raises(ValueError, match="K has shape"):
-        path.jvp(K=np.eye(n + 1))
-    with pytest.raises(ValueError, match="K is not symmetric"):
-        path.jvp(K=sparse.csr_array(np.triu(np.ones((n, n)))))
-    with pytest.raises(TypeError, match="reaction"):
-        path.vjp(reaction="much")
-    with pytest.raises(ValueError, match="slip has shape"):
-        path.vjp(slip=np.ones(3))
 
 
 def test_shapes_of_gaps() -> None:
