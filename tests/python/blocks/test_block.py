@@ -73,18 +73,18 @@ def test_an_inverted_mesh_is_refused() -> None:
         Block("lintel", whole.points, [face[::-1] for face in whole.faces])
 
 
-@pytest.mark.parametrize(
-    ("points", "faces", "message"),
-    [
-        ([[0, 0], [1, 1], [1, 0], [0, 1]], None, "crosses itself"),
-        ([[0, 0], [1, 1]], None, "2 corners, expected at least 3"),
-        ([[0, 0], [1, 1], [2, 2]], None, "has the volume 0"),
-        ([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]], "has no faces"),
-        ([[0, 0, 0], [1, 0, 0], [1, 1, 0]], None, "has 0 faces"),
-        (np.eye(3), [[0, 1, 2]] * 3 + [[0, 1, 3]], "numbers of corners below 3"),
-        (np.zeros((3, 3)), [[0, 1, 2]] * 4, "all faces of block 'bad' are points"),
-    ],
-)
+REFUSED: list[tuple[object, object, str]] = [
+    ([[0, 0], [1, 1], [1, 0], [0, 1]], None, "crosses itself"),
+    ([[0, 0], [1, 1]], None, "2 corners, expected at least 3"),
+    ([[0, 0], [1, 1], [2, 2]], None, "has the volume 0"),
+    ([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]], "has no faces"),
+    ([[0, 0, 0], [1, 0, 0], [1, 1, 0]], None, "has 0 faces"),
+    (np.eye(3), [[0, 1, 2]] * 3 + [[0, 1, 3]], "numbers of corners below 3"),
+    (np.zeros((3, 3)), [[0, 1, 2]] * 4, "all faces of block 'bad' are points"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("points", "faces", "message"), REFUSED)
 def test_refused_points(points: object, faces: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Block("bad", points, faces)  # type: ignore[arg-type]

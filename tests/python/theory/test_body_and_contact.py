@@ -1,6 +1,7 @@
 """Bodies and soils in frictional contact: limits, closed forms, other solvers, three methods."""
 
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -496,29 +497,37 @@ def test_limits_beside_a_dead_load_on_its_limit(mu: float) -> None:
         assert scaled == pytest.approx(reference, rel=1e-7)
 
 
-def test_what_a_soil_refuses() -> None:
-    grid = np.linspace(0, 1, 3)
-    linear = box([grid, grid], "quadrilateral")
-    with pytest.raises(ValueError, match=r"4 nodes in 2D, .* linear cells lock"):
-        Soil(linear.p.T, linear.t.T, 1.0, 0.3, 30.0, 0.0, 1.0)
-    quadratic = body_of(grid, grid)
-    cells = quadratic.cells[:, quadratic.kind.order_of_vtk]
-    soil = Soil(quadratic.points, cells, 100.0, 0.3, 30.0, 0.0, 1.0, 0.5)
+GRID = np.linspace(0, 1, 3)
+QUADRATIC, ROCK = body_of(GRID, GRID), fem.Material(1.0, 0.3)
+
+
+def soil_on(mesh: Any, *angles: Any) -> Soil:
+    return Soil.of_body(fem.Body("b", mesh, ROCK), *angles)
+
+
+MISTAKES: list[tuple[Callable[[], Any], str]] = [
+    (lambda: soil_on(box([GRID] * 2, "quadrilateral"), 30.0, 0.0, 1.0), "4 nodes in 2D, .* lock"),
+    (lambda: soil_on(second_order(box([GRID] * 2, "quadrilateral")), 30.0, 0.0, 1.0),
+     "9 nodes in 2D, .* does not strain"),
+    (lambda: soil_on(second_order(box([GRID] * 3, "tetrahedron")), 30.0, 0.0, 1.0),
+     "'mohr-coulomb' in space, expected 'drucker"),
+    (lambda: Soil.of_body(QUADRATIC, 90.0, 0.0, 1.0), "phi is 90, expected 0 to below 90"),
+    (lambda: Soil.of_body(QUADRATIC, 20.0, 30.0, 1.0), "psi is 30.0, expected 0 to 20.0"),
+    (lambda: Soil.of_body(QUADRATIC, 0.0, 0.0, 0.0), "positive where phi is 0"),
+    (lambda: Soil.of_body(QUADRATIC, 20.0, None, 1.0), "phi or psi is missing"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "words"), MISTAKES)
+def test_what_a_soil_refuses(call: Callable[[], Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def test_a_soil_of_arrays_has_its_weight() -> None:
+    cells = QUADRATIC.cells[:, QUADRATIC.kind.order_of_vtk]
+    soil = Soil(QUADRATIC.points, cells, 100.0, 0.3, 30.0, 0.0, 1.0, 0.5)
     assert soil.load.sum() == pytest.approx(-0.5, rel=1e-14)
-    nine = second_order(linear)
-    with pytest.raises(ValueError, match=r"9 nodes in 2D, .* does not strain"):
-        Soil.of_body(fem.Body("q9", nine, fem.Material(1.0, 0.3)), 30.0, 0.0, 1.0)
-    solid = second_order(box([grid] * 3, "tetrahedron"))
-    with pytest.raises(ValueError, match="'mohr-coulomb' in space, expected 'drucker"):
-        Soil.of_body(fem.Body("b", solid, fem.Material(1.0, 0.3)), 30.0, 0.0, 1.0)
-    for phi, psi, c, message in (
-        (90.0, 0.0, 1.0, "phi is 90, expected 0 to below 90"),
-        (20.0, 30.0, 1.0, "psi is 30.0, expected 0 to 20.0"),
-        (0.0, 0.0, 0.0, "positive where phi is 0"),
-        (20.0, None, 1.0, "phi or psi is missing"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            Soil.of_body(quadratic, phi, psi, c)
 
 
 def test_stress_across_the_plane_is_checked() -> None:

@@ -1,5 +1,6 @@
 """The functionals of [dSF91], sections III and VI, on random bodies and solved scenes."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -267,27 +268,24 @@ def test_a_free_body_needs_balance() -> None:
     assert f.bifunctional([0.0, 0.0], [[1.0, -0.25]]) == pytest.approx(0, abs=1e-14)
 
 
-def test_wrong_arguments_are_named() -> None:
-    g = given(2, 2)
-    problem = g.problem()
-    with pytest.raises(TypeError, match="problem is a str, expected a ContactProblem"):
-        of_problem("problem", g.K)  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="structure is a ContactProblem, expected a S"):
-        Functionals(problem)  # type: ignore[arg-type]
-    with pytest.raises(
-        ValueError, match="fixed holds 9 at position 0, expected 0 to 2"
-    ):
-        of_problem(problem, np.eye(3))
-    f = Functionals(of_problem(problem, g.K), g.load[0], g.prescribed[0])
-    with pytest.raises(
-        ValueError, match=r"du is 0.0 at degree of freedom .*, expected the prescribed"
-    ):
-        f.potential(np.zeros(20))
-    with pytest.raises(ValueError, match=r"dr has shape \(4,\), expected \(4, 2\)"):
-        f.complementary(np.zeros(4))
-    result = problem.solve(g.load, g.prescribed)
-    with pytest.raises(ValueError, match="k is 2, expected -2 to 1"):
-        Functionals.of_step(of_problem(problem, g.K), result, 2)
+G = given(2, 2)
+OF_G = of_problem(G.problem(), G.K)
+IN_STEP = Functionals(OF_G, G.load[0], G.prescribed[0])
+MISTAKES: list[tuple[Callable[[], Any], str]] = [
+    (lambda: of_problem("problem", G.K), "problem is a str, expected a ContactProblem"),  # type: ignore[arg-type]
+    (lambda: Functionals(G.problem()), "structure is a ContactProblem, expected a S"),  # type: ignore[arg-type]
+    (lambda: of_problem(G.problem(), np.eye(3)), "fixed holds 9 at position 0, expected 0 to 2"),
+    (lambda: IN_STEP.potential(np.zeros(20)), "du is 0.0 at degree of freedom .*, expected the pr"),
+    (lambda: IN_STEP.complementary(np.zeros(4)), r"dr has shape \(4,\), expected \(4, 2\)"),
+    (lambda: Functionals.of_step(OF_G, G.problem().solve(G.load, G.prescribed), 2),
+     "k is 2, expected -2 to 1"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "words"), MISTAKES)
+def test_mistakes_are_named(call: Callable[[], Any], words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=words):
+        call()
 
 
 @pytest.mark.parametrize("seed", range(4))

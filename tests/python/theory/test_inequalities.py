@@ -1,5 +1,6 @@
 """The inequalities of [dSF91], section VII, and the explicit scheme of its section I."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -259,18 +260,19 @@ def test_prints_of_74_and_78_fail_at_solutions() -> None:
     assert wrong_78 >= 10
 
 
-def test_bounds_and_members_are_checked() -> None:
-    t, v = np.array([[1.0, 0.2]]), np.array([[0.0, 0.0]])
-    with pytest.raises(
-        ValueError, match=r"size is 0\.5, expected a positive number of at least 1\.0"
-    ):
-        coupled(t, v, 0.5, 0.5)
-    with pytest.raises(ValueError, match=r"v of contact 0 penetrates by 1\.0"):
-        displacements(t, v - [1.0, 0.0], 0.5, 2.0)
-    with pytest.raises(ValueError, match=r"v has shape \(2, 2\), expected \(1, 2\)"):
-        alternated(t, np.zeros((2, 2)), 0.5, 2.0)
-    with pytest.raises(TypeError, match="problem is a NoneType"):
-        Response(None)  # type: ignore[arg-type]
+T, V = np.array([[1.0, 0.2]]), np.array([[0.0, 0.0]])
+MISTAKES: list[tuple[Callable[[], Any], str]] = [
+    (lambda: coupled(T, V, 0.5, 0.5), r"size is 0\.5, expected a positive number of at least 1\.0"),
+    (lambda: displacements(T, V - [1.0, 0.0], 0.5, 2.0), r"v of contact 0 penetrates by 1\.0"),
+    (lambda: alternated(T, np.zeros((2, 2)), 0.5, 2.0), r"v has shape \(2, 2\), expected \(1, 2\)"),
+    (lambda: Response(None), "problem is a NoneType"),  # type: ignore[arg-type]
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "words"), MISTAKES)
+def test_mistakes_are_named(call: Callable[[], Any], words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=words):
+        call()
 
 
 def dragged(steps: int, turn: float = np.pi) -> tuple[bp.ContactProblem, Array]:

@@ -1,6 +1,7 @@
 """All forms of the law of [dSF91] agree, with any start state."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -260,24 +261,29 @@ def test_normal_and_gap_of_points() -> None:
         laws.normal_and_gap(touching, obstacle)
 
 
-def test_mistakes_are_named() -> None:
-    start = materials.Start.unloaded([0.0, 0.0], 3)
-    law = materials.Coulomb(0.3, start)
-    zero = np.zeros((2, 3))
-    with pytest.raises(ValueError, match=r"du has shape \(2, 2\), expected \(2, 3\)"):
-        laws.by_case(law, np.zeros((2, 2)), zero, 1.0)
-    with pytest.raises(ValueError, match=r"rho is -1.0, expected positive"):
-        laws.by_projection(law, zero, zero, [1.0, -1.0])
-    with pytest.raises(ValueError, match=r"rho has shape \(3,\), expected a number or"):
-        laws.in_rates(law, zero, zero, np.ones(3))
-    with pytest.raises(ValueError, match="dt is nan at"):
-        laws.by_reactions(law, zero, np.full((2, 3), np.nan), 1.0)
-    with pytest.raises(ValueError, match=r"tol is 0.0, expected a positive number"):
-        laws.verdicts(law, zero, zero, 1.0, tol=0)
-    with pytest.raises(ValueError, match=r"normal of pair 1 has length 2.0"):
-        laws.normal_and_gap(zero, zero, [[1, 0, 0], [0, 2, 0]])
-    with pytest.raises(ValueError, match=r"body has shape \(2, 4\)"):
-        laws.normal_and_gap(np.zeros((2, 4)), np.zeros((2, 4)))
+LAW = materials.Coulomb(0.3, materials.Start.unloaded([0.0, 0.0], 3))
+ZERO = np.zeros((2, 3))
+
+
+MISTAKES: list[tuple[Callable[[], Any], str]] = [
+    (lambda: laws.by_case(LAW, np.zeros((2, 2)), ZERO, 1.0), r"du has shape \(2, 2\), exp"),
+    (lambda: laws.by_projection(LAW, ZERO, ZERO, [1.0, -1.0]), "rho is -1.0, expected pos"),
+    (lambda: laws.in_rates(LAW, ZERO, ZERO, np.ones(3)), r"rho has shape \(3,\), expected a"),
+    (lambda: laws.by_reactions(LAW, ZERO, np.nan * ZERO, 1.0), "dt is nan at"),
+    (lambda: laws.verdicts(LAW, ZERO, ZERO, 1.0, tol=0), r"tol is 0.0, expected a positive"),
+    (lambda: laws.normal_and_gap(ZERO, ZERO, [[1, 0, 0], [0, 2, 0]]),
+     "normal of pair 1 has length 2.0"),
+    (lambda: laws.normal_and_gap(*np.zeros((2, 2, 4))), r"body has shape \(2, 4\)"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "words"), MISTAKES)
+def test_mistakes_are_named(call: Callable[[], Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def test_a_result_without_mu_has_no_law() -> None:
     result = bp.solve(np.eye(2), np.eye(2), [-1.0, 0.1], gap=[0.0], mu=0.4)
     del result.contacts["mu"]
     with pytest.raises(ValueError, match=r"result\.contacts has no .mu."):

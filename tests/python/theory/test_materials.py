@@ -783,102 +783,41 @@ START = materials.Start.unloaded([0.0], 2)
 SPRINGS = materials.LinearElastic(np.eye(2))
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (
-            lambda: materials.Tresca(-1.0, START),
-            "limit of contact 0 is -1.0, expected zero",
-        ),
-        (
-            lambda: materials.Tresca([1.0, 2.0], START),
-            r"limit has shape \(2,\), expected a n",
-        ),
-        (lambda: materials.Coulomb(-0.1, START), "mu of contact 0 is -0.1"),
-        (
-            lambda: materials.Start(*np.zeros((2, 2, 4)), [0, 0]),
-            r"reaction has shape \(2, 4",
-        ),
-        (
-            lambda: materials.Start(np.zeros((2, 3)), np.zeros((2, 2)), [0, 0]),
-            r"displacement has shape \(2, 2\), expected \(2, 3\)",
-        ),
-        (
-            lambda: materials.Start(*np.zeros((2, 2, 3)), [0, np.inf]),
-            "gap is inf at 1, exp",
-        ),
-        (
-            lambda: materials.Coulomb(0.1, START).bipotential([[0, 0, 0]], [[0, 0]]),
-            r"x has shape \(1, 3\), expected \(1, 2\)",
-        ),
-        (
-            lambda: materials.LinearElastic([[1, 2], [2, 1]]),
-            "stiffness has the eigenvalue -1.0",
-        ),
-        (
-            lambda: materials.LinearElastic([[1, 0.1], [0, 1]]),
-            "stiffness is not symmetric",
-        ),
-        (lambda: materials.LinearElastic([[1, 0.1]]), "expected a square matrix"),
-        (
-            lambda: SPRINGS.energy([1, 2, 3]),
-            r"x has shape \(3,\), expected \(\.\.\., 2\)",
-        ),
-        (
-            lambda: materials.uzawa(SPRINGS, np.negative, [0, 0], 0.0, 1),
-            "r is 0.0, expected po",
-        ),
-        (
-            lambda: materials.uzawa(SPRINGS, lambda _: np.zeros(3), [0, 0], 1.0, 1),
-            r"strain\(y\) has shape \(3,\), expected \(2,\)",
-        ),
-        (
-            lambda: materials.uzawa(SPRINGS, lambda y: y + np.inf, [1, 1], 1.0, 9),
-            r"strain\(y\) is .*inf at 0, expected finite numbers",
-        ),
-        (
-            lambda: materials.uzawa(SPRINGS, np.negative, [0, 0], 1.0, 0),
-            "iterations is 0, exp",
-        ),
-        (
-            lambda: materials.elastic_strain(np.eye(3), np.zeros((2, 2))),
-            r"compliance has shape \(3, 3\), expected \(4, 4\)",
-        ),
-        (
-            lambda: soils.DruckerPrager(0.0, 0.0, 1.0),
-            "friction is 0.0, expected a positive",
-        ),
-        (
-            lambda: soils.DruckerPrager(0.3, 0.4, 1.0),
-            "dilatancy is 0.4, expected 0 to 0.3, the",
-        ),
-        (
-            lambda: soils.DruckerPrager(0.3, -0.1, 1.0),
-            "dilatancy is -0.1, expected 0 to 0.3",
-        ),
-        (
-            lambda: soils.DruckerPrager(0.3, 0.1, -1.0),
-            "apex is -1.0, expected zero or positive",
-        ),
-        (
-            lambda: soils.DruckerPrager.from_angles(1.0, 2.0, 0.1),
-            "friction_angle is 2.0, expec",
-        ),
-        (
-            lambda: soils.DruckerPrager.from_angles(1.0, 0.5, 0.6),
-            "dilatancy_angle is 0.6, exp",
-        ),
-        (
-            lambda: soils.DruckerPrager.from_angles(-1.0, 0.5, 0.1),
-            "cohesion is -1.0, expected",
-        ),
-        (
-            lambda: soils.DruckerPrager(0.3, 0.1, 1.0).criterion([1, 2]),
-            r"y has shape \(2,\), e",
-        ),
-        (lambda: soils.mandel(np.eye(2)), r"tensor has shape \(2, 2\), expected"),
-    ],
-)
+MISTAKES: list[tuple[Callable[[], Any], str]] = [
+    (lambda: materials.Tresca(-1.0, START), "limit of contact 0 is -1.0, expected zero"),
+    (lambda: materials.Tresca([1.0, 2.0], START), r"limit has shape \(2,\), expected a n"),
+    (lambda: materials.Coulomb(-0.1, START), "mu of contact 0 is -0.1"),
+    (lambda: materials.Start(*np.zeros((2, 2, 4)), [0, 0]), r"reaction has shape \(2, 4"),
+    (lambda: materials.Start(np.zeros((2, 3)), np.zeros((2, 2)), [0, 0]),
+     r"displacement has shape \(2, 2\), expected \(2, 3\)"),
+    (lambda: materials.Start(*np.zeros((2, 2, 3)), [0, np.inf]), "gap is inf at 1, exp"),
+    (lambda: materials.Coulomb(0.1, START).bipotential([[0, 0, 0]], [[0, 0]]),
+     r"x has shape \(1, 3\), expected \(1, 2\)"),
+    (lambda: materials.LinearElastic([[1, 2], [2, 1]]), "stiffness has the eigenvalue -1.0"),
+    (lambda: materials.LinearElastic([[1, 0.1], [0, 1]]), "stiffness is not symmetric"),
+    (lambda: materials.LinearElastic([[1, 0.1]]), "expected a square matrix"),
+    (lambda: SPRINGS.energy([1, 2, 3]), r"x has shape \(3,\), expected \(\.\.\., 2\)"),
+    (lambda: materials.uzawa(SPRINGS, np.negative, [0, 0], 0.0, 1), "r is 0.0, expected po"),
+    (lambda: materials.uzawa(SPRINGS, lambda _: np.zeros(3), [0, 0], 1.0, 1),
+     r"strain\(y\) has shape \(3,\), expected \(2,\)"),
+    (lambda: materials.uzawa(SPRINGS, lambda y: y + np.inf, [1, 1], 1.0, 9),
+     r"strain\(y\) is .*inf at 0, expected finite numbers"),
+    (lambda: materials.uzawa(SPRINGS, np.negative, [0, 0], 1.0, 0), "iterations is 0, exp"),
+    (lambda: materials.elastic_strain(np.eye(3), np.zeros((2, 2))),
+     r"compliance has shape \(3, 3\), expected \(4, 4\)"),
+    (lambda: soils.DruckerPrager(0.0, 0.0, 1.0), "friction is 0.0, expected a positive"),
+    (lambda: soils.DruckerPrager(0.3, 0.4, 1.0), "dilatancy is 0.4, expected 0 to 0.3, the"),
+    (lambda: soils.DruckerPrager(0.3, -0.1, 1.0), "dilatancy is -0.1, expected 0 to 0.3"),
+    (lambda: soils.DruckerPrager(0.3, 0.1, -1.0), "apex is -1.0, expected zero or positive"),
+    (lambda: soils.DruckerPrager.from_angles(1.0, 2.0, 0.1), "friction_angle is 2.0, expec"),
+    (lambda: soils.DruckerPrager.from_angles(1.0, 0.5, 0.6), "dilatancy_angle is 0.6, exp"),
+    (lambda: soils.DruckerPrager.from_angles(-1.0, 0.5, 0.1), "cohesion is -1.0, expected"),
+    (lambda: soils.DruckerPrager(0.3, 0.1, 1.0).criterion([1, 2]), r"y has shape \(2,\), e"),
+    (lambda: soils.mandel(np.eye(2)), r"tensor has shape \(2, 2\), expected"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "words"), MISTAKES)
 def test_mistakes_are_named(call: Callable[[], Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         call()

@@ -370,35 +370,18 @@ def test_an_exact_answer_has_no_error() -> None:
     assert not parts_of(error)[0].any()
 
 
-@pytest.mark.parametrize(
-    ("words", "problem"),
-    [
-        (
-            "contact alone holds a body",
-            bp.ReducedProblem(
-                np.eye(2), [[0.0, 0.0]], 0.5, rigid=([[1.0], [0.0]], [-1.0])
-            ),
-        ),
-        (
-            "not positive definite",
-            bp.ReducedProblem(np.ones((4, 4)), -np.ones((2, 2)), 0.1),
-        ),
-        (
-            "contact 1, which just touches",
-            bp.ReducedProblem(
-                np.diag([1.0, 1.0, 0.0, 0.0]), [[-1.0, 0.0], [0.0, 0.0]], 0.1
-            ),
-        ),
-        (
-            "friction along a tangent",
-            bp.ReducedProblem(np.diag([1.0, 0.0]), [[-1.0, 0.5]], 0.1),
-        ),
-        (
-            "is too large for a proof",
-            bp.ReducedProblem([[1.0, 0.9], [0.9, 1.0]], [[-1.0, 0.0]], 50.0),
-        ),
-    ],
-)
+REASONS: list[tuple[str, bp.ReducedProblem]] = [
+    ("contact alone holds a body",
+     bp.ReducedProblem(np.eye(2), [[0.0, 0.0]], 0.5, rigid=([[1.0], [0.0]], [-1.0]))),
+    ("not positive definite", bp.ReducedProblem(np.ones((4, 4)), -np.ones((2, 2)), 0.1)),
+    ("contact 1, which just touches",
+     bp.ReducedProblem(np.diag([1.0, 1.0, 0.0, 0.0]), [[-1.0, 0.0], [0.0, 0.0]], 0.1)),
+    ("friction along a tangent", bp.ReducedProblem(np.diag([1.0, 0.0]), [[-1.0, 0.5]], 0.1)),
+    ("is too large for a proof", bp.ReducedProblem([[1.0, 0.9], [0.9, 1.0]], [[-1.0, 0.0]], 50.0)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "problem"), REASONS)
 def test_reason_without_a_bound(words: str, problem: bp.ReducedProblem) -> None:
     error = problem.error_bound(np.zeros(problem.q.shape))
     assert error.kind == "not available"
