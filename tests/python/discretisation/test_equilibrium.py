@@ -21,6 +21,7 @@ from bipot_rs.discretisation.simplices import (
     simplices,
     strain,
 )
+from support.comparisons import refused
 
 Floats = NDArray[np.float64]
 CELLS = {2: "triangle", 3: "tetrahedron"}
@@ -339,11 +340,11 @@ def test_unbalanced_nodal_force_is_refused() -> None:
     prescribed[body.facets("bottom")] = True
     stresses = elastic(body.material, strain(cells, recovery.u))
     force = np.broadcast_to(recovery.exact.force(), (len(cells.corners), 2))
-    with pytest.raises(ValueError, match=r"no tractions balance .* node at \("):
+    with refused(r"no tractions balance .* node at \("):
         moments(cells, stresses, force, recovery.given, prescribed)
 
 
 def test_other_cells_are_refused() -> None:
     mesh = fem.box([[0, 1], [0, 1]], "quadrilateral")
-    with pytest.raises(ValueError, match=r"cells of 4 nodes, expected .*mesh.element"):
+    with refused(r"cells of 4 nodes, expected .*mesh.element"):
         simplices(fem.Body("it", mesh, fem.Material(1.0, 0.3)))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bipot_rs import fem, scene
 from bipot_rs.discretisation import BOUND, INDICATOR, Estimator, discretisation_error
 from bipot_rs.discretisation.simplices import simplices
+from support.comparisons import refused
 
 Floats = NDArray[np.float64]
 SMOOTH = "contact.0.mu=0.0"
@@ -310,18 +311,18 @@ def test_energy_of_the_edge_functions() -> None:
 def test_bad_calls(tmp_path: Path) -> None:
     read = scene.read("sheared_cube", ["mesh.n=2"])
     case = scene.assemble(read, scene.bodies(read))
-    with pytest.raises(ValueError, match=r"'cube' has cells of 8 nodes.*P1"):
+    with refused(r"'cube' has cells of 8 nodes.*P1"):
         Estimator(case)
     case, result = bench.solved("sheared_cube", ["mesh.n=2"])
     estimator = Estimator(case)
-    with pytest.raises(ValueError, match="step is 2, but the path has 2 steps"):
+    with refused("step is 2, but the path has 2 steps"):
         estimator.error(result, 2)
-    with pytest.raises(ValueError, match=r"threshold has shape \(3,\)"):
+    with refused(r"threshold has shape \(3,\)"):
         estimator.error(result, 0, threshold=np.ones(3))
-    with pytest.raises(ValueError, match="threshold is -1 at a contact"):
+    with refused("threshold is -1 at a contact"):
         estimator.error(result, 0, threshold=-np.ones(9))
     narrow = block(tmp_path, "contact.0.within={x = [0.0, 0.1]}")
-    with pytest.raises(ValueError, match=r"node at \(0, 0\) belongs to no facet"):
+    with refused(r"node at \(0, 0\) belongs to no facet"):
         Estimator(narrow)
     mesh = fem.box([np.linspace(0, 1, 3)] * 2, "triangle")
     mesh.p[1] += 0.1 * mesh.p[0] * (1 - mesh.p[0]) * (1 - mesh.p[1])
@@ -333,7 +334,7 @@ def test_bad_calls(tmp_path: Path) -> None:
         [body, flat], [fem.Contact("it", "bottom", 0.3, against=("flat", "top"))]
     )
     bent = scene.Case(model, None, np.zeros((1, 0)), np.ones(1))
-    with pytest.raises(ValueError, match="contact surface is curved"):
+    with refused("contact surface is curved"):
         Estimator(bent)
 
 
@@ -346,7 +347,7 @@ def test_bad_calls(tmp_path: Path) -> None:
 )
 def test_other_laws_are_refused(tmp_path: Path, setting: str, message: str) -> None:
     """Without friction, but with cohesion, it would be called a guaranteed bound."""
-    with pytest.raises(ValueError, match=message):
+    with refused(message):
         Estimator(block(tmp_path, setting))
 
 
@@ -363,7 +364,7 @@ def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
     assert discretisation_error(case, result).kind == BOUND
     loads = tuple(replace(load, history=2 * load.history) for load in case.loads)
     wrong = replace(case, load=2 * np.asarray(case.load), loads=loads)
-    with pytest.raises(ValueError, match="contact alone keeps a body from moving"):
+    with refused("contact alone keeps a body from moving"):
         discretisation_error(wrong, result)
 
 
@@ -388,7 +389,7 @@ def test_unconverged_solution_gives_an_indicator() -> None:
 def test_nodal_forces_without_loads_are_refused(tmp_path: Path) -> None:
     case = block(tmp_path)
     result = case.model.problem().solve(case.load, case.prescribed)
-    with pytest.raises(ValueError, match="supports no other nodal forces"):
+    with refused("supports no other nodal forces"):
         discretisation_error(replace(case, loads=()), result)
 
 

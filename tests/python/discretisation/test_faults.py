@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from cases import faults
+from support.comparisons import near
 
 crack, reservoir = faults.inclined_crack, faults.reservoir
 Array = NDArray[np.float64]
@@ -83,7 +84,7 @@ def test_displacement_around_the_crack() -> None:
     jump -= crack.exact_displacement(np.transpose(below) @ crack.TURN.T)
     slip = np.outer(crack.exact_slip(along), crack.TURN[:, 0])
     # 1e-9 m off the faces, the displacement differs by strain times this distance.
-    np.testing.assert_allclose(jump, slip, rtol=0, atol=1e-11)
+    near(jump, slip, 1e-11)
 
     # Over 0.2 m the fields vary by themselves: differences of step 1e-3 leave 1e-3² of it.
     x = np.random.default_rng(3).uniform(-2, 2, (40, 2))
@@ -93,15 +94,15 @@ def test_displacement_around_the_crack() -> None:
 
     # Tractions on both faces: 1e-5 m off them they differ by some 1e-5.
     for side in (1e-5, -1e-5):
-        near = np.stack([along, side + 0 * along], axis=1) @ crack.TURN.T
-        turned = stress(crack.exact_displacement, near, 1e-6, moduli)
+        beside = np.stack([along, side + 0 * along], axis=1) @ crack.TURN.T
+        turned = stress(crack.exact_displacement, beside, 1e-6, moduli)
         faces = crack.TURN.T @ turned @ crack.TURN
         np.testing.assert_allclose(faces[:, 1, 1], -crack.PRESSURE, rtol=1e-3)
         np.testing.assert_allclose(faces[:, 0, 1], crack.MU * crack.PRESSURE, rtol=1e-3)
     far = stress(crack.exact_displacement, np.array([[3e4, 2e4]]), 1.0, moduli)[0]
     # The crack's own stress decays like the square of the distance.
     expected = np.diag([-crack.SIGMA, 0.0])
-    np.testing.assert_allclose(far, expected, rtol=0, atol=1e-6 * crack.SIGMA)
+    near(far, expected, 1e-6 * crack.SIGMA)
 
 
 MODULI = (reservoir.LAME, reservoir.SHEAR)
@@ -133,20 +134,18 @@ def test_stress_of_the_depleted_layers() -> None:
         pressure = reservoir.exact_pressure(HEIGHTS) - reservoir.INITIAL
         shear = reservoir.exact_shear(HEIGHTS)
         # Differences have the rounding of u, 1e-16 m over 2e-5 m, and the distance 1e-4 of 5 m.
-        np.testing.assert_allclose(-there[:, 0, 0], pressure, rtol=0, atol=1e-4 * 2e7)
-        np.testing.assert_allclose(-there[:, 0, 1], shear, rtol=0, atol=1e-4 * 2e7)
+        near(-there[:, 0, 0], pressure, 1e-4 * 2e7)
+        near(-there[:, 0, 1], shear, 1e-4 * 2e7)
     # Tractions pass through the boundaries of the layers.
     for x in (50.0, -50.0):
         for z in (reservoir.A, reservoir.B, -reservoir.A, -reservoir.B):
             below, above = total_stress(np.array([[x, z - 1e-4], [x, z + 1e-4]]))
-            np.testing.assert_allclose(above[1], below[1], rtol=0, atol=1e-4 * 2e7)
+            near(above[1], below[1], 1e-4 * 2e7)
     # Far away each layer shortens in height only, by e; outside there is no stress.
     far = np.array([[4e6, 0.0], [-4e6, 0.0], [4e6, 200.0]])
     strain = np.diag([0.0, reservoir.SHRINK])
     slope = gradient(reservoir.depletion, far, 1.0)
-    np.testing.assert_allclose(
-        slope, [strain, strain, 0 * strain], rtol=0, atol=1e-4 * abs(reservoir.SHRINK)
-    )
+    near(slope, [strain, strain, 0 * strain], 1e-4 * abs(reservoir.SHRINK))
 
 
 def test_slip_of_the_fault_without_friction() -> None:
@@ -167,14 +166,12 @@ def test_slip_of_the_fault_without_friction() -> None:
     jump = reservoir.dislocations(right) - reservoir.dislocations(left)
     wanted = np.stack([0 * HEIGHTS, reservoir.exact_slip(HEIGHTS)], axis=1)
     # 1e-9 m times the strain, and the rounding of sums of 300 m.
-    np.testing.assert_allclose(jump, wanted, rtol=0, atol=1e-11)
+    near(jump, wanted, 1e-11)
     for side in (1e-4, -1e-4):
         x = np.stack([side + 0 * HEIGHTS, HEIGHTS], axis=1)
         there = stress(reservoir.dislocations, x, 1e-5, MODULI)
-        np.testing.assert_allclose(there[:, 0, 0], 0, atol=1e-4 * 2e7)
-        np.testing.assert_allclose(
-            there[:, 0, 1], reservoir.exact_shear(HEIGHTS), rtol=0, atol=1e-4 * 2e7
-        )
+        near(there[:, 0, 0], 0, 1e-4 * 2e7)
+        near(there[:, 0, 1], reservoir.exact_shear(HEIGHTS), 1e-4 * 2e7)
     off = np.array([[40.0, 20], [-90, 100], [60, 190]])
     residual = imbalance(reservoir.dislocations, off, 0.1, MODULI)
     assert np.abs(residual).max() < 1e-6 * abs(LOST)
@@ -189,8 +186,6 @@ def test_cohesion_holds_the_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not held.result.broken.any()
     # Neither more nor less shear than that of an intact fault.
     stronger = reservoir.solve(4, 1, 1e3 * reservoir.COHESION, reservoir.depletion)
-    np.testing.assert_allclose(
-        held.traction, stronger.traction, rtol=0, atol=1e-8 * 22e6
-    )
+    near(held.traction, stronger.traction, 1e-8 * 22e6)
     inside = np.abs(loose.z) <= reservoir.A
     assert (loose.slip[inside] < -0.02).all()  # m, downwards

@@ -6,6 +6,7 @@ import pytest
 import bipot_rs as bp
 from cases import manufactured
 from cases.manufactured import MU, Field
+from support.comparisons import near
 
 
 def places(d: int, count: int = 400) -> np.ndarray:
@@ -23,7 +24,7 @@ def test_reactions_satisfy_the_law(d: int) -> None:
     v[:, 0] += MU * slip
     projected, status = bp.project(r - v, MU)
     # The numbers are below 1, and so is what rounding leaves of their sums.
-    np.testing.assert_allclose(projected, r, rtol=0, atol=1e-15)
+    near(projected, r, 1e-15)
     s = manufactured.along(x)
     assert (status[s < 1 / 3] == bp.Status.STICK).all()
     assert (status[(s > 1 / 3) & (s < 2 / 3)] == bp.Status.SLIP).all()
@@ -43,11 +44,11 @@ def test_stress_and_forces_belong_to_the_displacement(d: int) -> None:
         gradient[:, a] = u / (2 * step)
         divergence += (exact.stress(ahead) - exact.stress(behind))[:, a] / (2 * step)
     # Central differences: third derivatives are below 1, rounding is 1e-16 / step.
-    np.testing.assert_allclose(gradient, exact.gradient(x), rtol=0, atol=1e-10)
-    np.testing.assert_allclose(divergence, -exact.force(x), rtol=0, atol=1e-10)
+    near(gradient, exact.gradient(x), 1e-10)
+    near(divergence, -exact.force(x), 1e-10)
     # Hooke's law by the tensor of the material.
     law = manufactured.ROCK.tensor(d)
     slope = exact.gradient(x)
     strain = (slope + slope.swapaxes(0, 1)) / 2
     stress = np.einsum("abcd,cdp->abp", law, strain)
-    np.testing.assert_allclose(stress, exact.stress(x), rtol=0, atol=1e-15)
+    near(stress, exact.stress(x), 1e-15)

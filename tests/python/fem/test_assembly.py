@@ -11,45 +11,35 @@ from scipy import sparse
 from bipot_rs import fem
 from bipot_rs.fem.bodies import elasticity
 from bipot_rs.fem.contact import meeting
+from support.boxes import CELLS, box, placed
 
 Floats = NDArray[np.float64]
-CELLS = {
-    "triangle": (2, skfem.ElementTriP1, 1),
-    "quadrilateral": (2, skfem.ElementQuad1, 2),
-    "tetrahedron": (3, skfem.ElementTetP1, 1),
-    "hexahedron": (3, skfem.ElementHex1, 2),
-}
-GRIDS = {
-    # Steps of 1/5, which differ in their last bits.
-    "uniform": np.linspace(0, 1, 6),
-    "graded": np.array([0, 0.1, 0.25, 0.5, 0.7, 1.0]) ** 2,
-    "dyadic": np.linspace(0, 1, 9),
+ELEMENTS = {
+    "triangle": (skfem.ElementTriP1, 1),
+    "quadrilateral": (skfem.ElementQuad1, 2),
+    "tetrahedron": (skfem.ElementTetP1, 1),
+    "hexahedron": (skfem.ElementHex1, 2),
 }
 
 
-def mesh(cell: str, shape: str) -> skfem.Mesh:
-    made = fem.box([GRIDS.get(shape, GRIDS["uniform"])] * CELLS[cell][0], cell)
-    if shape == "bent":
-        random = np.random.default_rng(3)
-        moved = made.p + 0.05 * random.uniform(-1, 1, made.p.shape)
-        made = type(made)(moved, made.t).with_boundaries(made.boundaries)
-    return made
+def named(cell: str) -> fem.Body:
+    return fem.Body("it", box(cell, 5, bent=0.05), fem.Material(1.0, 0.3))
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_far_from_the_origin_no_digits_are_lost(cell: str) -> None:
     """Jacobians here are made of differences; scikit-fem's are sums of coordinates."""
-    near = mesh(cell, "dyadic")
-    far = type(near)(near.p + 1e6, near.t)  # # exact, because coordinates are eighths
-    K = [fem.stiffness(fem.Body("it", m, fem.Material(1.0, 0.3))) for m in (near, far)]
+    mesh = box(cell, 4)
+    far = placed(mesh, mesh.p + 1e6)  # exact, because coordinates are quarters
+    K = [fem.stiffness(fem.Body("it", m, fem.Material(1.0, 0.3))) for m in (mesh, far)]
     np.testing.assert_array_equal(K[0].toarray(), K[1].toarray())
 
 
-def test_each_volume_keeps_its_material() -> None:
+def test_each_body_keeps_its_material() -> None:
     bodies = [
-        fem.Body("soft", mesh("hexahedron", "uniform"), fem.Material(1.0, 0.2)),
-        fem.Body("hard", mesh("hexahedron", "bent"), fem.Material(1e3, 0.4)),
-        fem.Body("tets", mesh("tetrahedron", "bent"), fem.Material(10.0, 0.3)),
+        fem.Body("soft", box("hexahedron", 2), fem.Material(1.0, 0.2)),
+        fem.Body("hard", box("hexahedron", 2, bent=0.1), fem.Material(1e3, 0.4)),
+        fem.Body("tets", box("tetrahedron", 2, bent=0.1), fem.Material(10.0, 0.3)),
     ]
     K = fem.assemble(bodies, []).K
     apart = sparse.block_diag([fem.stiffness(body) for body in bodies], format="csr")
@@ -99,39 +89,28 @@ def test_hash_collisions_of_cells_are_detected() -> None:
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_surface_integrals_are_those_of_scikit_fem(cell: str) -> None:
-    meshed = mesh(cell, "bent")
-    body = fem.Body("it", meshed, fem.Material(1.0, 0.3))
-    dim, element, _ = CELLS[cell]
+def test_integrals_are_those_of_scikit_fem(cell: str) -> None:
+    body, (element, order) = named(cell), ELEMENTS[cell]
+    mesh, dim = body.mesh, body.dim
 
     def density(x: Floats) -> Floats:
         return x[0] ** 2 + np.sin(3 * x[dim - 1])
 
-    for name, k in product(meshed.boundaries, range(dim)):
+    for name, k in product(mesh.boundaries, range(dim)):
         ours = body.surface(name)
-        assert ours.normals is not None
-        integral = ours.moment(density(ours.places) * ours.normals[k])
-        basis = skfem.FacetBasis(
-            meshed, element(), facets=meshed.boundaries[name], intorder=2
-        )
+        integral = ours.moment(density(ours.places) * np.asarray(ours.normals)[k])
+        facets = mesh.boundaries[name]
+        basis = skfem.FacetBasis(mesh, element(), facets=facets, intorder=2)
         form = skfem.LinearForm(lambda v, w, k=k: density(w.x) * w.n[k] * v)
         # Sums of at most 16 terms per node, of areas 1/25.
-        np.testing.assert_allclose(
-            integral, form.assemble(basis), rtol=1e-13, atol=1e-13 / 25
-        )
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_volume_integrals_are_those_of_scikit_fem(cell: str) -> None:
-    meshed = mesh(cell, "bent")
-    _, element, order = CELLS[cell]
-    ours = fem.Body("it", meshed, fem.Material(1.0, 0.3)).volume()
-    basis = skfem.Basis(meshed, element(), intorder=order)
+        wanted = form.assemble(basis)
+        np.testing.assert_allclose(integral, wanted, rtol=1e-13, atol=1e-13 / 25)
+    basis = skfem.Basis(mesh, element(), intorder=order)
     form = skfem.LinearForm(lambda v, w: np.exp(w.x[0]) * v)
+    ours = body.volume()
+    integral = ours.moment(np.exp(ours.places[0]))
     # Sums of some 200 positive terms.
-    np.testing.assert_allclose(
-        ours.moment(np.exp(ours.places[0])), form.assemble(basis), rtol=1e-13
-    )
+    np.testing.assert_allclose(integral, form.assemble(basis), rtol=1e-13)
 
 
 def test_partners_are_the_same_with_and_without_a_tree(
@@ -142,13 +121,3 @@ def test_partners_are_the_same_with_and_without_a_tree(
     few = meeting.nearest_points(ours, theirs)
     monkeypatch.setattr(meeting, "ALL_PAIRS", 0)
     np.testing.assert_array_equal(few, meeting.nearest_points(ours, theirs))
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_box_keeps_the_topology_of_its_mesh(cell: str) -> None:
-    """The topology kept from the box without named surfaces equals a new computation."""
-    named = mesh(cell, "graded")
-    anew = type(named)(named.p, named.t)
-    np.testing.assert_array_equal(named.facets, anew.facets)
-    np.testing.assert_array_equal(named.f2t, anew.f2t)
-    np.testing.assert_array_equal(named.t2f, anew.t2f)

@@ -15,6 +15,7 @@ from bipot_rs.cli.commands.new import write_deck
 from bipot_rs.discretisation import discretisation_error
 from bipot_rs.fem.bodies.boundary import spring_stiffness
 from cases.revolution import KINDS, fit, hertz, ring
+from support.comparisons import close, refused
 
 YOUNG, NU = 210e9, 0.3
 
@@ -136,7 +137,7 @@ def test_a_solid_shaft_in_plane_stress_from_a_scene() -> None:
     area = 2 * np.pi * b * 0.01
     assert result.reaction[0, :, 0].sum() == pytest.approx(pressure * area, rel=2e-3)
     assert result.traction[0, :-1, 0] == pytest.approx(pressure, rel=3e-3)
-    with pytest.raises(ValueError, match="does not support axisymmetric bodies"):
+    with refused("does not support axisymmetric bodies"):
         discretisation_error(result.case, result)
 
 
@@ -256,11 +257,9 @@ def test_derivatives_by_materials() -> None:
     assert found.load_factor[0] == pytest.approx(
         slope(0, 0, 1e-5), rel=1e-6, abs=1e-8 * size
     )
-    with pytest.raises(
-        ValueError, match="node coordinates is not available for bodies of"
-    ):
+    with refused("node coordinates is not available for bodies of"):
         _ = found.nodes
-    with pytest.raises(ValueError, match="of revolution have no thickness"):
+    with refused("of revolution have no thickness"):
         _ = found.thickness
 
 
@@ -268,21 +267,21 @@ def test_what_a_body_of_revolution_cannot_have() -> None:
     tube, solid = (
         fem.Body("it", ring("Q1", 2, low, 2.0, 1.0), steel()) for low in (1.0, 0.0)
     )
-    with pytest.raises(ValueError, match="has nodes at r = -1"):
+    with refused("has nodes at r = -1"):
         fem.Body("it", ring("Q1", 2, -1.0, 1.0, 1.0), steel())
-    with pytest.raises(ValueError, match="its mesh must be in the plane"):
+    with refused("its mesh must be in the plane"):
         fem.Body("it", fem.box([[0, 1]] * 3, "hexahedron"), steel())
-    with pytest.raises(ValueError, match="a body of revolution has neither"):
+    with refused("a body of revolution has neither"):
         fem.Material(1.0, 0.3, thickness=2.0, axisymmetric=True)
     slab = fem.Body("slab", tube.mesh, fem.Material(1.0, 0.3))
-    with pytest.raises(ValueError, match="body 'slab' is plane and others are axisymm"):
+    with refused("body 'slab' is plane and others are axisymm"):
         fem.assemble([tube, slab], [])
-    with pytest.raises(ValueError, match="symmetry on 'left' of body 'it'"):
+    with refused("symmetry on 'left' of body 'it'"):
         fem.assemble([tube], [], symmetries=[fem.Symmetry("it", "left")])
-    with pytest.raises(ValueError, match="remote 'r': bodies of revolution have no re"):
+    with refused("remote 'r': bodies of revolution have no re"):
         fem.assemble([tube], [], remotes=[fem.Remote("r", "it", "left", (0.0, 0.0))])
     contact = fem.Contact("it", "left", mu=0.0, plane=((0, 0), (1, 0)))
-    with pytest.raises(ValueError, match="contact on 'left' of body 'it' has no area"):
+    with refused("contact on 'left' of body 'it' has no area"):
         fem.assemble([solid], [contact])
 
 
@@ -322,9 +321,7 @@ def test_hoops_alone_hold_thin_rings_in_the_iterative_engine(radius: float) -> N
     )
     assert "krylov" in one.stats
     # The digits of K that hoops have: (thickness / radius)^2.
-    np.testing.assert_allclose(
-        one.reaction, other.reaction, rtol=0, atol=1e-9 * np.abs(other.reaction).max()
-    )
+    close(one.reaction, other.reaction, 1e-9)
 
 
 def test_a_sphere_that_a_force_presses_and_a_spring() -> None:
@@ -388,7 +385,7 @@ def test_a_deck_of_axisymmetric_cells(
     write_deck("disk", path)
     m = bp.Model.from_toml(scene)
     m.contact("ALL.FOOT", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.3)
-    with pytest.raises(ValueError, match='type CAX: add plane = "axisymmetric"'):
+    with refused('type CAX: add plane = "axisymmetric"'):
         m.with_(**{"body.ALL.plane": "strain"}).assemble()
     force = m.solve().contact_force("ALL.FOOT")[-1, 1]
     assert force == pytest.approx(5 * np.pi * 2**2, rel=1e-10)

@@ -14,6 +14,7 @@ from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.constraints.bolts import Bolt
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.mesh.elements import kind_of, make_mesh, second_order
+from support.comparisons import close, near, refused
 
 Floats = NDArray[np.float64]
 YOUNG = 2e5
@@ -353,11 +354,9 @@ def test_derivatives_by_the_preload(engine: str) -> None:
         # Statuses do not change, and the path is then linear in the forces: differences are
         # exact up to the tolerance over the step, 1e-12 * 900 / 1e-2.
         scale = np.abs(change).max()
-        np.testing.assert_allclose(tangent.reaction, change, rtol=0, atol=1e-6 * scale)
+        near(tangent.reaction, change, 1e-6 * scale)
         scale = np.abs(moved).max()
-        np.testing.assert_allclose(
-            tangent.displacement, moved, rtol=0, atol=1e-6 * scale
-        )
+        near(tangent.displacement, moved, 1e-6 * scale)
         total = np.sum(weights * tangent.reaction) + np.sum(by_u * tangent.displacement)
         np.testing.assert_allclose(np.sum(gradient.load * along), total, rtol=1e-8)
     # A shortening that is prescribed after locking.
@@ -421,7 +420,7 @@ def test_the_place_of_the_section_does_not_matter(cell: str) -> None:
         ends.append((u[outside][order], result.reaction[0]))
     for one, other in zip(*ends, strict=True):
         # Residuals of 1e-13 times the condition of the bar, 1e3.
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
+        close(one, other, 1e-9)
 
 
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
@@ -501,9 +500,9 @@ def test_friction_acts_where_only_the_shortening_slips() -> None:
 )
 def test_sections_that_cut_no_shank(section: Any, message: str) -> None:
     bodies = stand().bodies
-    with pytest.raises(ValueError, match=message):
+    with refused(message):
         fem.assemble(bodies, [], bolts=[Bolt("it", "frame", section)])
-    with pytest.raises(ValueError, match="there is no body 'farme'"):
+    with refused("there is no body 'farme'"):
         fem.assemble(bodies, [], bolts=[Bolt("it", "farme", section)])
 
 
@@ -542,7 +541,7 @@ def test_a_pickled_problem_solves_to_the_same_bits() -> None:
 def test_names_of_bodies_repeat_beside_a_bolt() -> None:
     frame = stand().bodies[0]
     up = ([0.0, 9.0], [0.0, 1.0])
-    with pytest.raises(ValueError, match="names of bodies repeat"):
+    with refused("names of bodies repeat"):
         fem.assemble(
             [
                 frame,

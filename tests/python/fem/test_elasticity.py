@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,8 @@ from skfem.models.elasticity import linear_elasticity
 from bipot_rs import fem
 from bipot_rs.fem.bodies.materials import Elastic
 from bipot_rs.mesh import elements, kinds
+from support.boxes import placed
+from support.comparisons import refused
 
 KINDS = {kind.vtk: kind for kind in elements.KINDS.values()}
 STEEL = fem.Material(2.0, 0.3)
@@ -30,14 +31,16 @@ WOOD = fem.Orthotropic(
 
 
 def mesh_of(vtk: str, moved: float) -> Any:
-    """Three cells a side, unequal or moved, of any kind."""
+    """Cells that are unequal, or moved, of any kind; three or, of many nodes, two a side."""
     kind = KINDS[vtk]
-    made: Any = fem.box([[-0.7, -0.4, 0.2, 0.8]] * kind.dim, kind.shape)
+    grid = (
+        [-0.7, -0.4, 0.8] if vtk.startswith("hexahedron2") else [-0.7, -0.4, 0.2, 0.8]
+    )
+    made: Any = fem.box([grid] * kind.dim, kind.shape)
     if kind.degree == 2:
         made = elements.second_order(made, serendipity=vtk in ("quad8", "hexahedron20"))
     random = np.random.default_rng(1)
-    shift = moved * random.uniform(-0.02, 0.02, made.p.shape)
-    return type(made)(made.p + shift, made.t)
+    return placed(made, made.p + moved * random.uniform(-0.02, 0.02, made.p.shape))
 
 
 def scikit_fem(mesh: Any, material: Elastic) -> sparse.csr_array:
@@ -101,14 +104,9 @@ def scaled(difference: Any, K: Any) -> float:
     return float(abs(inverse @ difference @ inverse).max())
 
 
-@pytest.mark.parametrize(
-    "material",
-    [STEEL, RUBBER, WOOD],
-    ids=["isotropic", "nearly incompressible", "orthotropic"],
-)
+@pytest.mark.parametrize("material", [STEEL, WOOD], ids=["isotropic", "orthotropic"])
 @pytest.mark.parametrize("moved", [0.0, 1.0])
 @pytest.mark.parametrize("vtk", KINDS)
-@pytest.mark.slow_variants("*hexahedron27*")
 def test_stiffness_is_that_of_scikit_fem(
     vtk: str, moved: float, material: Elastic
 ) -> None:
@@ -128,7 +126,9 @@ def test_stiffness_is_that_of_scikit_fem(
     assert K.indices.dtype == np.int32
 
 
-@pytest.mark.parametrize("material", [STEEL, WOOD], ids=["isotropic", "orthotropic"])
+@pytest.mark.parametrize(
+    "material", [RUBBER, WOOD], ids=["nearly incompressible", "orthotropic"]
+)
 @pytest.mark.parametrize("vtk", KINDS)
 def test_stiffness_has_all_digits(vtk: str, material: Elastic) -> None:
     body = fem.Body("it", mesh_of(vtk, 1.0), material)
@@ -137,21 +137,6 @@ def test_stiffness_has_all_digits(vtk: str, material: Elastic) -> None:
     size = np.sqrt(np.diag(exact))
     # Some twenty roundings of 1.1e-16; the largest found is 1.5e-15.
     assert (error <= 4e-15 * size * size[:, None]).all()
-
-
-@pytest.mark.parametrize("vtk", KINDS)
-def test_rigid_motions_need_no_force(vtk: str) -> None:
-    body = fem.Body("it", mesh_of(vtk, 1.0), WOOD)
-    K, x = fem.stiffness(body), body.points
-    motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(body.dim)]
-    for i, j in combinations(range(body.dim), 2):
-        turn = np.zeros_like(x)
-        turn[:, i], turn[:, j] = -x[:, j], x[:, i]
-        motions.append(turn)
-    for motion in motions:
-        u = motion.ravel()
-        # Each term of a row is rounded, and the sum of up to 400 terms after it.
-        assert (abs(K @ u) <= 1e-14 * (abs(K) @ abs(u))).all()
 
 
 @pytest.mark.parametrize("vtk", ["triangle6", "quad", "tetra", "hexahedron20"])
@@ -170,16 +155,18 @@ def test_blocks_are_those_of_nodes_that_share_a_cell(vtk: str) -> None:
 
 
 def test_each_volume_has_its_own_law() -> None:
-    mesh = mesh_of("hexahedron", 1.0)
-    count = mesh.t.shape[1]
-    mesh = mesh.with_subdomains({"a": np.arange(9), "b": np.arange(9, count)})
-    body = fem.Body("it", mesh, {"a": STEEL, "b": WOOD})
-    K = fem.stiffness(body)
-    apart = 0.0
-    for cells, material in ((np.arange(9), STEEL), (np.arange(9, count), WOOD)):
-        # All nodes stay, so that the numbers stay.
-        part = type(mesh)(mesh.p, mesh.t[:, cells], validate=False)
-        apart = apart + fem.stiffness(fem.Body("part", part, material))
+    """All cells of the grid have one shape, so only the material distinguishes them."""
+    mesh = fem.box([[0.0, 1.0, 2.0, 3.0]] * 3, "hexahedron")
+    parts = {"a": np.arange(9), "b": np.arange(9, 27)}
+    laws = {"a": STEEL, "b": WOOD}
+    K = fem.stiffness(fem.Body("it", mesh.with_subdomains(parts), laws))
+    # All nodes stay, so that the numbers stay.
+    apart = sum(
+        fem.stiffness(
+            fem.Body("part", type(mesh)(mesh.p, mesh.t[:, k], validate=False), laws[n])
+        )
+        for n, k in parts.items()
+    )
     # The same sums in another order.
     assert scaled(K - apart, K) <= 1e-14
 
@@ -202,12 +189,11 @@ def test_the_first_folded_cell_is_named(flat: bool) -> None:
     folded = (determinant.min(axis=0) * determinant.max(axis=0)) <= 0
     cell = int(np.argmax(folded))
     least, most = determinant[:, cell].min(), determinant[:, cell].max()
-    with pytest.raises(ValueError, match="mesh anew there") as refused:
+    with refused("mesh anew there") as caught:
         fem.stiffness(body)
-    assert str(refused.value).startswith(
-        f"cell {cell} of body 'cube' is folded or flat, at ("
-    )
-    assert f"is from {least:g} to {most:g}; mesh anew there" in str(refused.value)
+    said = str(caught.value)
+    assert said.startswith(f"cell {cell} of body 'cube' is folded or flat, at (")
+    assert f"is from {least:g} to {most:g}; mesh anew there" in said
 
 
 SCRIPT = """

@@ -9,6 +9,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem
+from support.comparisons import refused
 
 STEEL = fem.Material(210e3, 0.3)
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -134,12 +135,10 @@ def test_scenes_name_the_part_and_its_area(bipot: Any) -> None:
     assert status == 0
     assert "loads     traction on b.top (800), pressure on b.top (350)" in out
     moved = m.with_(**{"pressure.0.within.x": [50.0, 60.0]})
-    with pytest.raises(
-        ValueError, match="surface 'top' of body 'b' has no part within"
-    ):
+    with refused("surface 'top' of body 'b' has no part within"):
         moved.assemble()
     empty = m.with_(**{"pressure.0.within": {}, "traction.0.within.x": [3, 1]})
-    with pytest.raises(ValueError) as refused:
+    with pytest.raises(ValueError) as caught:
         _ = empty.scene
-    assert "pressure.0.within: is empty" in str(refused.value)
-    assert "traction.0.within.x: should ascend" in str(refused.value)
+    assert "pressure.0.within: is empty" in str(caught.value)
+    assert "traction.0.within.x: should ascend" in str(caught.value)

@@ -17,6 +17,7 @@ import pytest
 
 from bipot_rs import fem, obstacle
 from bipot_rs.mesh import elements
+from support.comparisons import refused
 
 STEPS = 2
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -282,14 +283,13 @@ def test_obstacles_and_the_nodes_above_them(name: str, motion: bool) -> None:
     if motion and name != "plane":
         # The normals of these change with each step.
         model = at(0.0, 0.0, np.zeros(3))
-        zero = np.zeros((2, model.n)), np.zeros((2, len(model.group), 3))
-        refused = fem.ParameterGradient(
-            model, adjoint=zero[0], displacement=zero[0], gap=zero[1], reaction=zero[1]
+        u, r = np.zeros((2, model.n)), np.zeros((2, len(model.group), 3))
+        gradient = fem.ParameterGradient(
+            model, adjoint=u, displacement=u, gap=r, reaction=r
         )
-        with pytest.raises(ValueError, match="contacts have frames of each step"):
-            _ = refused.obstacles
-        with pytest.raises(ValueError, match="contacts have frames of each step"):
-            _ = refused.nodes
+        for field in ("obstacles", "nodes"):
+            with refused("contacts have frames of each step"):
+                getattr(gradient, field)
         return
     product = Product(at(0.0, 0.0, np.zeros(3)))
     gradient = product.gradient(at(0.0, 0.0, np.zeros(3)))
@@ -366,28 +366,28 @@ def test_what_is_no_derivative_is_refused() -> None:
         return Product(model, loads).gradient(model)
 
     flat = {"plane": ([0, 0, -0.1], [0, 0, 1])}
-    with pytest.raises(ValueError, match="pairing 'mortar'"):
+    with refused("pairing 'mortar'"):
         _ = of(**flat, pairing="mortar").nodes
-    with pytest.raises(ValueError, match="clearance is a function"):
+    with refused("clearance is a function"):
         _ = of(**flat, clearance=lambda x: 0 * x[:, 0]).nodes
     turning = obstacle.Motion(rotation=[0.1, 0.2], axis=[0, 1, 0])
-    with pytest.raises(ValueError, match="an obstacle turns, or is curved and moves"):
+    with refused("an obstacle turns, or is curved and moves"):
         _ = of(**flat, motion=turning).obstacles
     plane = obstacle.Distance(lambda x: x[:, 2] + 0.1)
-    with pytest.raises(ValueError, match="is a Distance"):
+    with refused("is a Distance"):
         _ = of(obstacle=plane).obstacles
     varying = fem.Load("one", force=lambda x: x)
-    with pytest.raises(ValueError, match="varies with the position"):
+    with refused("varies with the position"):
         _ = of([varying], **flat).nodes
-    with pytest.raises(ValueError, match="no thickness"):
+    with refused("no thickness"):
         _ = of(**flat).thickness
     oak = fem.Orthotropic((12.0, 1.0, 1.0), (0.3, 0.3, 0.3), (0.7, 0.7, 0.1))
     wood = model_of(mesh, oak)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="orthotropic"):
+    with refused("orthotropic"):
         _ = Product(wood).gradient(wood).young
-    with pytest.raises(ValueError, match="exactly one of traction"):
+    with refused("exactly one of traction"):
         fem.Load("one")
-    with pytest.raises(ValueError, match="needs a surface"):
+    with refused("needs a surface"):
         fem.Load("one", pressure=1.0)
 
 

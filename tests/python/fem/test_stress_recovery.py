@@ -8,6 +8,7 @@ from scipy.sparse.linalg import spsolve
 from bipot_rs import fem
 from bipot_rs.fem.bodies import stress_recovery
 from bipot_rs.mesh import elements
+from support.comparisons import near, refused
 
 Floats = NDArray[np.float64]
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -76,7 +77,7 @@ def test_mean_stress_is_the_integral_over_the_cell(cell: str, degree: int) -> No
     stresses = stress_recovery.stress(body, u, heat, space=True)
     # Sums of 27 points of 27 nodes in another order.
     atol = 1e-12 * np.abs(at_points).max()
-    np.testing.assert_allclose(stresses, wanted, atol=atol, rtol=0)
+    near(stresses, wanted, atol)
     np.testing.assert_array_equal(stresses, stresses.swapaxes(1, 2))
 
 
@@ -87,7 +88,7 @@ def free(body: fem.Body, strain: stress_recovery.Initial) -> tuple[Floats, Float
     f = model.initial_strain("it", strain)
     # Resultant force and moment of loads in equilibrium: rounding.
     size = np.abs(f).max()
-    np.testing.assert_allclose(f.reshape(-1, d).sum(axis=0), 0.0, atol=1e-12 * size)
+    near(f.reshape(-1, d).sum(axis=0), 0, 1e-12 * size)
     # Held at three nodes, like a table on three legs: the supports carry no force.
     corner = [int(np.argmin(np.abs(x - at).sum(axis=1))) for at in np.eye(d + 1, d, -1)]
     held = [d * corner[0] + k for k in range(d)]
@@ -134,7 +135,7 @@ def test_free_expansion_has_no_stress(cell: str, degree: int, material: str) -> 
     grown = u - u[0] - (body.points - body.points[0]) @ heat_strain.T
     # Up to a rotation, whose gradient is skew.
     gradient = np.linalg.lstsq(body.points - body.points[0], grown, rcond=None)[0]
-    np.testing.assert_allclose(gradient + gradient.T, 0.0, atol=1e-10 * ALPHA * HEAT)
+    near(gradient + gradient.T, 0, 1e-10 * ALPHA * HEAT)
 
 
 def test_second_order_bends_without_stress_in_a_linear_temperature() -> None:
@@ -144,7 +145,7 @@ def test_second_order_bends_without_stress_in_a_linear_temperature() -> None:
     )
     heat = fem.thermal(ALPHA, lambda x: HEAT * (1 + x[0] - 2 * x[2]))
     _, stresses = free(body, heat)
-    np.testing.assert_allclose(stresses, 0.0, atol=1e-10 * YOUNG * ALPHA * HEAT)
+    near(stresses, 0, 1e-10 * YOUNG * ALPHA * HEAT)
     # Linear elements cannot bend in this way: their error is discretisation, not rounding.
     coarse = fem.Body(
         "it", mesh("tetrahedron", 1, bent=0.0), fem.Material(YOUNG, POISSON)
@@ -210,21 +211,21 @@ def test_heat_of_one_volume_only() -> None:
 def test_invalid_initial_strains() -> None:
     body = fem.Body("it", mesh("triangle"), fem.Material(YOUNG, POISSON))
     model = fem.assemble([body], [])
-    with pytest.raises(ValueError, match=r"strain of body 'it' has shape \(2,\)"):
+    with refused(r"strain of body 'it' has shape \(2,\)"):
         model.initial_strain("it", [1.0, 2.0])
-    with pytest.raises(ValueError, match="is not symmetric"):
+    with refused("is not symmetric"):
         model.initial_strain("it", [[0.0, 1.0], [0.0, 0.0]])
-    with pytest.raises(ValueError, match="has shear out of the plane"):
+    with refused("has shear out of the plane"):
         model.initial_strain("it", [[0, 0, 1.0], [0, 0, 0], [1.0, 0, 0]])
-    with pytest.raises(ValueError, match="no volume 'warm': its mesh"):
+    with refused("no volume 'warm': its mesh"):
         model.initial_strain("it", {"warm": np.eye(2)})
-    with pytest.raises(ValueError, match=r"expansion has shape \(2,\)"):
+    with refused(r"expansion has shape \(2,\)"):
         fem.thermal([1.0, 2.0], 3.0)
-    with pytest.raises(ValueError, match="temperature has shape"):
+    with refused("temperature has shape"):
         model.initial_strain("it", fem.thermal(1.0, lambda _: np.zeros(3)))
-    with pytest.raises(ValueError, match=r"displacement has shape \(3,\), expected"):
+    with refused(r"displacement has shape \(3,\), expected"):
         stress_recovery.stress(body, np.zeros(3))
-    with pytest.raises(ValueError, match="space=True"):
+    with refused("space=True"):
         fem.von_mises(np.zeros((4, 2, 2)))
 
 

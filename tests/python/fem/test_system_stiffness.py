@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from bipot_rs import fem
 from bipot_rs.mesh import elements
+from support.comparisons import refused
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
@@ -120,5 +121,5 @@ def test_a_folded_cell_has_its_number_in_the_whole_mesh() -> None:
     body = fem.Body(
         "it", type(mesh)(mesh.p, cells, validate=False), fem.Material(1.0, 0.3)
     )
-    with pytest.raises(ValueError, match="cell 7 of body 'it' is folded"):
+    with refused("cell 7 of body 'it' is folded"):
         fem.assemble([body], [], stiffness=False).stiffness_rows(np.unique(cells[:, 7]))

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from bipot_rs import analytic, fem
 from bipot_rs import obstacle as ob
+from support.comparisons import close, near
 
 Floats = NDArray[np.float64]
 E, NU, P = 1000.0, 0.3, 2.0
@@ -96,11 +97,9 @@ def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> No
     exact = P / E * np.column_stack([NU * x[:, 0], NU * x[:, 1], -1 - x[:, 2]])
     u = result.displacement[0].reshape(-1, 3) @ turn / unit
     # Some hundred unknowns: a condition of 1e3 times rounding.
-    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    close(u, exact, 1e-12)
     assert result.traction is not None
-    np.testing.assert_allclose(
-        unit**2 * result.traction[0, :, 0], P, rtol=0, atol=1e-11 * P
-    )
+    near(unit**2 * result.traction[0, :, 0], P, 1e-11 * P)
 
 
 @pytest.mark.parametrize("kind", ["T6", "Q8"])
@@ -140,8 +139,8 @@ def test_hertz_turned_and_in_other_units(kind: str) -> None:
         u = result.displacement[0].reshape(-1, 3) @ turn / unit
         results.append((force, u, result.status[0]))
     (force, u, status), (other, v, again) = results
-    np.testing.assert_allclose(other, force, rtol=0, atol=1e-9 * abs(force).max())
-    np.testing.assert_allclose(v, u, rtol=0, atol=1e-9 * abs(u).max())
+    close(other, force, 1e-9)
+    close(v, u, 1e-9)
     np.testing.assert_array_equal(status, again)
     half, _, _ = analytic.hertz_sphere(
         -4 * force[2], radius, analytic.contact_modulus(E, NU)
@@ -199,15 +198,10 @@ def test_a_floor_of_triangles_is_a_plane(kind: str, n: int, pairing: str) -> Non
             load = model.traction("it", "top", push)
             answers.append((model, model.problem().solve(load, tol=1e-13)))
         (model, turned_result), (plain, other) = answers
-        np.testing.assert_allclose(model.gap, 0, atol=1e-15)
+        near(model.gap, 0, 1e-15)
         # A dozen roundings of numbers of size 1.
         np.testing.assert_allclose(model.frame[:, 0], plain.frame[:, 0], atol=1e-14)
-        np.testing.assert_allclose(
-            turned_result.displacement,
-            other.displacement,
-            rtol=0,
-            atol=1e-10 * abs(other.displacement).max(),
-        )
+        close(turned_result.displacement, other.displacement, 1e-10)
         np.testing.assert_array_equal(turned_result.status, other.status)
 
 
@@ -243,6 +237,4 @@ def test_a_punch_of_seven_digits_has_straight_normals_at_its_edge(
         result = model.problem().solve(None, model.prescribed([[0, 0, -0.01 * width]]))
         forces.append(np.einsum("cij,ci->j", model.frame, result.reaction[0]))
     # Seven digits of coordinates relative to a penetration of a hundredth.
-    np.testing.assert_allclose(
-        forces[0], forces[1], rtol=0, atol=1e-4 * abs(forces[1]).max()
-    )
+    close(forces[0], forces[1], 1e-4)

@@ -9,6 +9,7 @@ import skfem
 from bipot_rs import fem
 from bipot_rs.mesh import elements
 from support import places
+from support.comparisons import refused
 
 SHAPES = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 DATA = places.DATA / "meshes"
@@ -43,7 +44,7 @@ def test_a_node_moved_through_its_cells(shape: str, scale: float) -> None:
     mesh = grid(shape, scale)
     p = mesh.p.copy()
     p[:, inner_node(mesh)] += 0.7 * scale
-    with pytest.raises(ValueError, match=r"^mesh has .*(inverted|folded) .* at \(.*\)"):
+    with refused(r"^mesh has .*(inverted|folded) .* at \(.*\)"):
         fem.check_mesh(type(mesh)(p, mesh.t))
 
 
@@ -54,9 +55,7 @@ def test_a_cell_that_is_flat(shape: str, scale: float) -> None:
     mesh = fem.box([scale * np.linspace(0, 1, 2)] * dim, shape)
     p = mesh.p.copy()
     p[-1] = 0.0
-    with pytest.raises(
-        ValueError, match=r"flat cells?, the first is cell 0 at .*is 0,"
-    ):
+    with refused(r"flat cells?, the first is cell 0 at .*is 0,"):
         fem.check_mesh(type(mesh)(p, mesh.t), "mesh")
 
 
@@ -67,10 +66,10 @@ def test_middles_out_of_place_fold_a_cell() -> None:
     edge = mesh.facets[:, 0]
     node = elements.facet_nodes(mesh, np.array([0]))[0, 2]
     p[:, node] = 0.02 * mesh.p[:, edge[0]] + 0.98 * mesh.p[:, edge[1]]
-    with pytest.raises(ValueError, match="folded cell"):
+    with refused("folded cell"):
         fem.check_mesh(type(mesh)(p, mesh.t))
     body = fem.Body("it", type(mesh)(p, mesh.t), fem.Material(1.0, 0.3))
-    with pytest.raises(ValueError, match=r"cell .* of body 'it' is folded or flat, at"):
+    with refused(r"cell .* of body 'it' is folded or flat, at"):
         fem.stiffness(body)
 
 
@@ -81,19 +80,15 @@ def test_pieces(shape: str) -> None:
     apart = type(mesh)(
         np.hstack([mesh.p, mesh.p + 5.0]), np.hstack([mesh.t, mesh.t + mesh.p.shape[1]])
     ).with_subdomains({"second": np.arange(cells, 2 * cells)})
-    with pytest.raises(ValueError, match=r"consists of 2 pieces .* group="):
+    with refused(r"consists of 2 pieces .* group="):
         fem.check_mesh(apart)
     unnamed = type(mesh)(apart.p, apart.t)
-    with pytest.raises(
-        ValueError, match=r"name the volumes in the mesh, and .* group="
-    ):
+    with refused(r"name the volumes in the mesh, and .* group="):
         fem.check_mesh(unnamed)
     up = np.zeros((len(mesh.p), 1))
     up[-1] = 1.0
     touching = type(mesh)(np.hstack([mesh.p, mesh.p + up]), apart.t)
-    with pytest.raises(
-        ValueError, match=r"2 pieces .*from the rest is 0, .*merge double nodes"
-    ):
+    with refused(r"2 pieces .*from the rest is 0, .*merge double nodes"):
         fem.check_mesh(touching)
 
 
@@ -111,14 +106,14 @@ def test_a_mesh_cut_open(scale: float) -> None:
         t[:, above] = np.where(t[:, above] == node, other, t[:, above])
     for shift in (0.0, 1e-9):
         p = np.hstack([mesh.p, mesh.p[:, line] + shift * scale])
-        with pytest.raises(ValueError, match=r"6 nodes on its boundary .* merge them"):
+        with refused(r"6 nodes on its boundary .* merge them"):
             fem.check_mesh(type(mesh)(p, t))
 
 
 def test_overlapping_cells() -> None:
     mesh = grid("triangle", n=1)
     t = np.hstack([mesh.t, mesh.t[:, :1], mesh.t[:, :1]])
-    with pytest.raises(ValueError, match=r"mesh has 4 cells at one facet"):
+    with refused(r"mesh has 4 cells at one facet"):
         fem.check_mesh(type(mesh)(mesh.p, t))
 
 
@@ -126,12 +121,12 @@ def test_no_cells_and_no_numbers() -> None:
     mesh = grid("triangle")
     p = mesh.p.copy()
     p[0, 3] = np.nan
-    with pytest.raises(ValueError, match=r"^upper has node 3 at \(nan, "):
+    with refused(r"^upper has node 3 at \(nan, "):
         fem.check_mesh(type(mesh)(p, mesh.t), "upper")
     with pytest.raises(TypeError, match="is a MeshLine1, expected MeshTri1"):
         fem.check_mesh(skfem.MeshLine1())
     empty = skfem.MeshTri1(np.zeros((2, 0)), np.zeros((3, 0), int))
-    with pytest.raises(ValueError, match="mesh has no cells"):
+    with refused("mesh has no cells"):
         fem.check_mesh(empty)
 
 
@@ -143,6 +138,6 @@ def test_files_are_checked_by_default(tmp_path: Path) -> None:
     lines[at] = "18, 1, 0.5, -3"
     path = tmp_path / "bad.inp"
     path.write_text("\n".join(lines))
-    with pytest.raises(ValueError, match=r"bad\.inp has an inverted cell: cells"):
+    with refused(r"bad\.inp has an inverted cell: cells"):
         fem.read_mesh(path)
     assert fem.read_mesh(path, check=False).t.shape[1] == 200

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from support.comparisons import refused
 
 
 @pytest.mark.parametrize("method", ["mortar", "nodes"])
@@ -26,7 +27,7 @@ def test_layers_under_a_part_of_a_facet() -> None:
     pad = [[0, 0], [2, 0.0]]
     sheets = [[0, -0.1], [1, -0.1], [0, -0.5], [1, -0.5]]
     both = (pad, [[0, 1]], sheets, [[1, 0], [3, 2]])
-    with pytest.raises(ValueError, match="lies in several layers opposite to facet 0"):
+    with refused("lies in several layers opposite to facet 0"):
         bp.pairs(*both)
     near = bp.pairs(*both, distance=0.2)
     np.testing.assert_allclose(near.gap, 0.1, rtol=1e-14)

@@ -10,8 +10,13 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
+from bipot_rs.discretisation.estimator import Estimator
+from bipot_rs.fem.paraview import contact_fields
 from bipot_rs.fem.resultants import contact_force, support_force
-from support.rollers import roller
+from bipot_rs.petsc.run.distributed import DistributedProblem
+from support.boxes import box, placed
+from support.comparisons import near, refused
+from support.rollers import block, roller
 
 pytestmark = pytest.mark.needs_extra
 
@@ -19,12 +24,11 @@ TOL = 1e-13
 RADIUS, DEPTH, WAY = 50.0, 1.0, 8.0  # mm
 
 
-def plate(n: int = 20, turn: Any = None) -> fem.Body:
-    """A plate of 40 mm x 20 mm, its top at y = 0, in N and mm."""
-    axes = [np.linspace(-20.0, 20.0, n + 1), np.linspace(-20.0, 0.0, n // 2 + 1)]
+def plate(n: int = 20, turn: Any = None, low: float = -20.0) -> fem.Body:
+    """A plate of 40 mm x 20 mm, or less, its top at y = 0, in N and mm."""
+    axes = [np.linspace(low, 20.0, n + 1), np.linspace(-20.0, 0.0, 11)]
     mesh = fem.box(axes, "quadrilateral")
-    if turn is not None:
-        mesh = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
+    mesh = mesh if turn is None else placed(mesh, turn @ mesh.p)
     return fem.Body("plate", mesh, fem.Material(2000.0, 0.3))
 
 
@@ -34,22 +38,27 @@ def rolled(
     mu: float = 0.0,
     pairing: str = "match",
     turn: np.ndarray | None = None,
+    *,
+    half: bool = False,
 ) -> tuple[fem.Assembly, bp.Result]:
-    """The plate under a roller that starts above its middle."""
+    """The plate, or half of it, under a roller that starts above its middle."""
     turn = np.eye(2) if turn is None else turn
     centre = turn @ [0.0, RADIUS]
     motion = ob.Motion(np.array(ways) @ turn.T, angles, about=centre)
+    disc = ob.Cylinder(centre, RADIUS)
     contact = fem.Contact(
-        "plate",
-        "top",
-        mu,
-        obstacle=ob.Cylinder(centre, RADIUS),
-        motion=motion,
-        pairing=pairing,
+        "plate", "top", mu, obstacle=disc, motion=motion, pairing=pairing
     )
     ground = fem.Support("plate", "bottom", (0, 1))
-    model = fem.assemble([plate(turn=turn)], [contact], [ground])
+    body = plate(10, turn, 0.0) if half else plate(turn=turn)
+    planes = [fem.Symmetry("plate", "left")] if half else []
+    model = fem.assemble([body], [contact], [ground], symmetries=planes)
     return model, model.problem().solve(tol=TOL)
+
+
+def turned(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
 
 
 PRESSED_AND_MOVED = [[0.0, -DEPTH], [WAY, -DEPTH]]
@@ -80,37 +89,15 @@ def test_a_step_does_not_depend_on_later_ones(pairing: str) -> None:
 
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
 def test_turned_as_a_whole_it_is_the_same(pairing: str) -> None:
-    c, s = np.cos(0.7), np.sin(0.7)
-    turn = np.array([[c, -s], [s, c]])
-    ways = [[0.0, -DEPTH], [2.0, -DEPTH], [4.0, -DEPTH]]
-    angles = [0.0, -0.02, -0.04]
-    _, turned_result = rolled(ways, angles, 0.3, pairing, turn)
-    _, plain = rolled(ways, angles, 0.3, pairing)
+    turn = turned(0.7)
+    path = [[0.0, -DEPTH], [2.0, -DEPTH], [4.0, -DEPTH]], [0.0, -0.02, -0.04]
+    _, other = rolled(*path, 0.3, pairing, turn)
+    _, plain = rolled(*path, 0.3, pairing)
     assert {0, 1, 2} <= set(plain.status.ravel().tolist())
-    assert np.array_equal(turned_result.status, plain.status)
+    assert np.array_equal(other.status, plain.status)
     size = np.abs(plain.reaction).max()
-    np.testing.assert_allclose(
-        turned_result.resultant @ turn, plain.resultant, rtol=0, atol=1e-9 * size
-    )
-    np.testing.assert_allclose(
-        np.abs(turned_result.slip), np.abs(plain.slip), rtol=0, atol=1e-9 * WAY
-    )
-
-
-def bed(
-    points: np.ndarray, stiffness: float, mu: float, moving: bp.MovingGaps
-) -> bp.ContactProblem:
-    """Nodes on separate springs of equal stiffness in all directions."""
-    base = np.tile([[0.0, -1.0], [1.0, 0.0]], (len(points), 1, 1))
-    B = sparse.block_diag(list(base), format="csr")
-    return bp.ContactProblem(
-        stiffness * sparse.eye_array(points.size, format="csr"),
-        B,
-        gap=np.ones(len(points)),
-        mu=mu,
-        frame=base,
-        gaps=moving,
-    )
+    near(other.resultant @ turn, plain.resultant, 1e-9 * size)
+    near(np.abs(other.slip), np.abs(plain.slip), 1e-9 * WAY)
 
 
 def passed(obstacle: ob.Obstacle, motion: ob.Motion, x: np.ndarray) -> bp.MovingGaps:
@@ -121,47 +108,36 @@ def passed(obstacle: ob.Obstacle, motion: ob.Motion, x: np.ndarray) -> bp.Moving
     return bp.MovingGaps(met.distance[1:], np.stack([n, t], axis=2), met.drag[1:])
 
 
+BED = np.column_stack([np.linspace(-6, 6, 25), np.zeros(25)])
+
+
+def rolling(steps: int, way: float, mu: float) -> bp.Result:
+    """A disc pressed into springs of stiffness 3 that rolls over them."""
+    ways = np.linspace(0.0, way, steps + 1)
+    shift = np.column_stack([ways, np.full(steps + 1, -0.5)])
+    motion = ob.Motion(shift, -ways / 10, about=[0, 10])
+    moving = passed(ob.Cylinder([0.0, 10.0], 10.0), motion, BED)
+    base = np.tile([[0.0, -1.0], [1.0, 0.0]], (len(BED), 1, 1))
+    B = sparse.block_diag(list(base), format="csr")
+    K, gap = 3.0 * sparse.eye_array(BED.size, format="csr"), np.ones(len(BED))
+    problem = bp.ContactProblem(K, B, gap=gap, mu=mu, frame=base, gaps=moving)
+    return problem.solve(tol=TOL)
+
+
 def test_a_disc_rolls_over_a_bed_of_springs() -> None:
     """Without friction, r = k |g| n at each node inside the disc, and u = |g| n."""
-    k, radius, depth = 3.0, 10.0, 0.5
-    x = np.column_stack([np.linspace(-6, 6, 25), np.zeros(25)])
-    way = np.linspace(0.0, 3.0, 7)
-    motion = ob.Motion(
-        np.column_stack([way, np.full(7, -depth)]), -way / radius, about=[0, radius]
-    )
-    disc = ob.Cylinder([0.0, radius], radius)
-    result = bed(x, k, 0.0, passed(disc, motion, x)).solve(tol=TOL)
-    for s, step in zip(way, result, strict=True):
-        arm = x - [s, radius - depth]
+    result = rolling(6, 3.0, 0.0)
+    for s, step, force in zip(range(7), result, result.resultant, strict=True):
+        arm = BED - [s / 2, 9.5]
         far = np.linalg.norm(arm, axis=1)
-        inside = np.maximum(radius - far, 0.0)
-        u = (inside / far)[:, None] * arm
-        np.testing.assert_allclose(
-            step.displacement.reshape(-1, 2), u, rtol=0, atol=1e-12 * depth
-        )
-        np.testing.assert_allclose(
-            result.resultant[list(way).index(s)], k * u.sum(axis=0), atol=1e-11
-        )
-
-
-def rolling(steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Force on the bed, and displacements, after a disc rolled over it with friction."""
-    radius, depth = 10.0, 0.5
-    x = np.column_stack([np.linspace(-6, 6, 25), np.zeros(25)])
-    way = np.linspace(0.0, 1.5, steps + 1)
-    motion = ob.Motion(
-        np.column_stack([way, np.full(steps + 1, -depth)]),
-        -way / radius,
-        about=[0, radius],
-    )
-    disc = ob.Cylinder([0.0, radius], radius)
-    result = bed(x, 3.0, 0.2, passed(disc, motion, x)).solve(tol=TOL)
-    return result.resultant[-1], result.displacement[-1]
+        u = (np.maximum(10 - far, 0.0) / far)[:, None] * arm
+        near(step.displacement.reshape(-1, 2), u, 1e-12 * 0.5)
+        np.testing.assert_allclose(force, 3.0 * u.sum(axis=0), atol=1e-11)
 
 
 def test_a_rolling_disc_converges_with_the_steps() -> None:
     """Slip is the motion relative to the surface of the disc: of first order in the step."""
-    forces = np.array([rolling(steps)[0] for steps in (8, 16, 32, 64, 128)])
+    forces = [rolling(n, 1.5, 0.2).resultant[-1] for n in (8, 16, 32, 64, 128)]
     changes = np.linalg.norm(np.diff(forces, axis=0), axis=1)
     orders = np.log2(changes[:-1] / changes[1:])
     # Nodes that enter and leave contact between steps disturb the single ratios.
@@ -212,20 +188,16 @@ def test_what_turns_as_a_whole_keeps_its_contact_forces() -> None:
 
 def test_planes_that_move_keep_the_frames_of_the_problem() -> None:
     """A translated plane, and one that turns about its normal, change no frame."""
-    body = fem.Body(
-        "plate", fem.box([np.linspace(0, 1, 4)] * 3, "hexahedron"), fem.Material(1, 0.3)
-    )
-    point = [0.5, 0.5, 1.0]
+    body = fem.Body("plate", box("hexahedron"), fem.Material(1, 0.3))
+    plane = ob.Plane([0.5, 0.5, 1.0], [0, 0, -1.0])
     for motion in (
         ob.Motion([[0.1, 0.0, -0.1], [0.0, 0.2, -0.2]]),
-        ob.Motion(rotation=[0.5, -2.0], about=point, axis=[0.0, 0.0, 1.0]),
+        ob.Motion(rotation=[0.5, -2.0], about=plane.point, axis=[0.0, 0.0, 1.0]),
     ):
-        contact = fem.Contact(
-            "plate", "top", 0.3, obstacle=ob.Plane(point, [0, 0, -1.0]), motion=motion
-        )
+        contact = fem.Contact("plate", "top", 0.3, obstacle=plane, motion=motion)
         model = fem.assemble([body], [contact])
         assert isinstance(model.moving, np.ndarray)
-        met = ob.approach(ob.Plane(point, [0, 0, -1.0]), motion, model.points)
+        met = ob.approach(plane, motion, model.points)
         gaps = -np.einsum("cij,kcj->kci", model.frame, met.drag)
         gaps[:, :, 0] = met.distance
         assert np.array_equal(model.moving, gaps[1:])
@@ -250,141 +222,84 @@ def test_automatic_steps_are_those_of_the_path_in_parts() -> None:
     assert isinstance(whole.gaps, bp.MovingGaps)
     for k in range(3):
         part, end = parts.gaps[2 * k + 1], whole.gaps[k]
-        np.testing.assert_allclose(part.gap, end.gap, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(part.frame, end.frame, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(part.drag, end.drag, rtol=0, atol=1e-14)
+        near(part.gap, end.gap, 1e-14)
+        near(part.frame, end.frame, 1e-14)
+        near(part.drag, end.drag, 1e-14)
 
 
 def test_forces_of_supports_and_contacts_balance_in_each_step() -> None:
     case = roller().assemble()
-    result = case.solve(tol=TOL)
-    pushed = contact_force(case.model, result, "block.top")
-    held = support_force(case.model, result, "block.bottom")
+    model, result = case.model, case.solve(tol=TOL)
+    pushed = contact_force(model, result, "block.top")
     size = np.abs(pushed).max()
-    np.testing.assert_allclose(pushed, -held, rtol=0, atol=1e-9 * size)
-    np.testing.assert_allclose(pushed, result.resultant, rtol=0, atol=1e-12 * size)
+    near(pushed, -support_force(model, result, "block.bottom"), 1e-9 * size)
+    near(pushed, result.resultant, 1e-12 * size)
     table = result.table()
     for k, axis in enumerate("xy"):
-        listed = table[f"force_{axis}"]
-        np.testing.assert_allclose(listed, pushed[:, k], rtol=0, atol=1e-12 * size)
+        near(table[f"force_{axis}"], pushed[:, k], 1e-12 * size)
     # In fields for ParaView forces are global too.
-    from bipot_rs.fem.paraview import contact_fields
-
     for step, force in zip(result, pushed, strict=True):
-        fields = contact_fields(case.model, step)
+        fields = contact_fields(model, step)
         np.testing.assert_allclose(fields["force"].sum(axis=0), force, atol=1e-9)
         assert np.array_equal(fields["normal"], step.frame[:, 0])
-        nodal = case.model.in_step(step).fields(
-            step.displacement, step.reaction, step.status
-        )
-        area = np.zeros(len(case.model.nodes))
-        area[case.model.contact_dofs[:, 0] // 2] = case.model.area
-        shear = (area[:, None] * nodal["contact_shear"]).sum(axis=0)
+        there = model.in_step(step)
+        nodal = there.fields(step.displacement, step.reaction, step.status)
+        area = np.zeros(len(model.nodes))
+        area[model.contact_dofs[:, 0] // 2] = model.area
         tangential = np.einsum("ck,ckd->d", step.reaction[:, 1:], step.frame[:, 1:])
-        np.testing.assert_allclose(shear, tangential, rtol=0, atol=1e-12 * size)
+        near(area @ nodal["contact_shear"], tangential, 1e-12 * size)
 
 
 def test_planes_of_symmetry_inclined_to_the_axes() -> None:
     """B and the loads leave out the reaction of the plane, also in turned frames."""
-    turn = np.pi / 6
-    c, s = np.cos(turn), np.sin(turn)
-    Q = np.array([[c, -s], [s, c]])
-
-    def half(Q: np.ndarray) -> tuple[fem.Assembly, bp.Result]:
-        axes = [np.linspace(0.0, 20.0, 11), np.linspace(-20.0, 0.0, 11)]
-        mesh = fem.box(axes, "quadrilateral")
-        mesh = type(mesh)(Q @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
-        body = fem.Body("plate", mesh, fem.Material(2000.0, 0.3))
-        centre = Q @ [0.0, RADIUS]
-        motion = ob.Motion(np.array([[0, -0.5], [0, -DEPTH]]) @ Q.T)
-        contact = fem.Contact(
-            "plate", "top", 0.3, obstacle=ob.Cylinder(centre, RADIUS), motion=motion
-        )
-        model = fem.assemble(
-            [body],
-            [contact],
-            [fem.Support("plate", "bottom", (0, 1))],
-            symmetries=[fem.Symmetry("plate", "left")],
-        )
-        return model, model.problem().solve(tol=TOL)
-
-    (_, plain), (model, half_result) = half(np.eye(2)), half(Q)
+    ways, Q = [[0, -0.5], [0, -DEPTH]], turned(np.pi / 6)
+    _, plain = rolled(ways, mu=0.3, half=True)
+    model, other = rolled(ways, mu=0.3, turn=Q, half=True)
     assert model.inclined is not None
     size = np.abs(plain.reaction).max()
-    np.testing.assert_allclose(
-        half_result.reaction[:, :, 0], plain.reaction[:, :, 0], rtol=0, atol=1e-9 * size
-    )
-    u = half_result.displacement.reshape(2, -1, 2) @ Q
-    expected = plain.displacement.reshape(2, -1, 2)
-    np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9 * DEPTH)
+    near(other.reaction[:, :, 0], plain.reaction[:, :, 0], 1e-9 * size)
+    u = other.displacement.reshape(2, -1, 2) @ Q
+    near(u, plain.displacement.reshape(2, -1, 2), 1e-9 * DEPTH)
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
 def test_friction_where_a_support_blocks_slip_at_the_start_only(pairing: str) -> None:
     """Nodes that move along the first normal slip on the plane once it has turned."""
-    mesh = fem.box([np.linspace(0.0, 1.0, 3)] * 2, "quadrilateral")
-    body = fem.Body("block", mesh, fem.Material(100.0, 0.3))
-    turn, rise, mu = 0.6, 0.02, 0.4
-    motion = ob.Motion([[0.0, rise]] * 2, [0.0, turn], about=[0.5, 0.0])
-    contact = fem.Contact(
-        "block",
-        "bottom",
-        mu,
-        plane=([0.5, 0.0], [0.0, 1.0]),
-        motion=motion,
-        pairing=pairing,
-    )
-    model = fem.assemble(
-        [body],
-        [contact],
-        [fem.Support("block", "top", (0, 1)), fem.Support("block", "bottom", (0,))],
-    )
+    rise, mu = 0.02, 0.4
+    body = fem.Body("block", box("quadrilateral", 2), fem.Material(100.0, 0.3))
+    plane = ([0.5, 0.0], [0.0, 1.0])
+    held = [fem.Support("block", "top", (0, 1)), fem.Support("block", "bottom", (0,))]
+
+    def model_of(motion: ob.Motion) -> fem.Assembly:
+        more: Any = {"plane": plane, "motion": motion, "pairing": pairing}
+        contact = fem.Contact("block", "bottom", mu, **more)
+        return fem.assemble([body], [contact], held)
+
+    model = model_of(ob.Motion([[0.0, rise]] * 2, [0.0, 0.6], about=[0.5, 0.0]))
     assert (model.mu == mu).all()
     result = model.problem().solve(prescribed=np.zeros((2, model.fixed.size)), tol=TOL)
     # At the start all slip is prescribed, and it is zero.
     assert not result.slip[0].any()
     pressed = result.status[1] > 0
     assert pressed.any()
-    force, slip = result.reaction[1], result.slip[1, :, 0]
-    assert (np.abs(slip[pressed]) > 0.1 * rise).all()
-    np.testing.assert_allclose(
-        force[pressed, 1],
-        -mu * force[pressed, 0] * np.sign(slip[pressed]),
-        rtol=1e-10,  # TOL, and some digits of the residual of all contacts
-    )
+    (normal, shear), slip = result.reaction[1, pressed].T, result.slip[1, pressed, 0]
+    assert (np.abs(slip) > 0.1 * rise).all()
+    # TOL, and some digits of the residual of all contacts.
+    np.testing.assert_allclose(shear, -mu * normal * np.sign(slip), rtol=1e-10)
     # One that only moves has no tangent along which these nodes may slip.
-    still = fem.Contact(
-        "block",
-        "bottom",
-        mu,
-        plane=([0.5, 0.0], [0.0, 1.0]),
-        motion=ob.Motion([[0.01, rise]]),
-        pairing=pairing,
-    )
-    model = fem.assemble([body], [still], model.supports)
-    assert not model.mu.any()
+    assert not model_of(ob.Motion([[0.01, rise]])).mu.any()
 
 
 def test_engines_and_estimates_that_need_one_frame_refuse() -> None:
-    from bipot_rs.discretisation.estimator import Estimator
-    from bipot_rs.petsc.run.distributed import DistributedProblem
-
     case = roller().assemble()
-    with pytest.raises(ValueError, match="which engine='petsc' cannot solve"):
+    with refused("which engine='petsc' cannot solve"):
         DistributedProblem(case, None)  # type: ignore[arg-type]
     # A plane that turns: its frames differ between steps, but not along the surface.
-    plane = ob.Plane([0.0, 0.0], [0.0, -1.0])
-    m = bp.Model("Turning plane")
-    m.material("soft", young=1000.0, poisson=0.3)
-    side = np.linspace(0.0, 1.0, 3)
-    m.body("block", material="soft", cell="triangle", x=side, y=side - 1.0)
-    m.obstacle(
-        "floor",
-        plane={"point": plane.point, "normal": plane.normal},
-        turn={"angle": m.times(1.0, "way"), "about": [0.0, 0.0]},
-    )
-    m.support("block.bottom", x=0.0, y=0.0)
+    m = block(2, cell="triangle")
+    floor = {"point": [0.0, 0.0], "normal": [0.0, -1.0]}
+    turn = {"angle": m.times(1.0, "way"), "about": [0.0, 0.0]}
+    m.obstacle("floor", plane=floor, turn=turn)
     m.contact("block.top", against="floor", mu=0.3)
     m.path(way=[0.5, 1.0])
-    with pytest.raises(ValueError, match="an obstacle that turns, or is curved and m"):
+    with refused("an obstacle that turns, or is curved and m"):
         Estimator(m.assemble())

@@ -13,6 +13,7 @@ import bipot_rs as bp
 from bipot_rs import analytic
 from bipot_rs.fem.bodies.stress_recovery import von_mises
 from support import places
+from support.comparisons import close, near
 
 SCENES = places.ROOT / "examples" / "scenes"
 # Residuals of 1e-12, times the condition of small elastic bodies, 1e3.
@@ -51,8 +52,8 @@ def test_heated_bar() -> None:
     x = case.model.nodes
     # Heat and pressure both widen it laterally.
     wider = 1.2e-5 * 100 + 0.3 * pressure[3] / 210e3
-    np.testing.assert_allclose(u[:, 0], 5e-4 * x[:, 0], rtol=0, atol=SOLVED * 0.05)
-    np.testing.assert_allclose(u[:, 1], wider * x[:, 1], rtol=0, atol=SOLVED * 0.05)
+    near(u[:, 0], 5e-4 * x[:, 0], SOLVED * 0.05)
+    near(u[:, 1], wider * x[:, 1], SOLVED * 0.05)
     for k in (0, 3, 4):
         # The stress from the displacement alone would ignore the heat.
         from bipot_rs.fem.paraview import cell_fields
@@ -61,27 +62,24 @@ def test_heated_bar() -> None:
         expected = np.zeros((3, 3))
         expected[0, 0] = -pressure[k]
         size = 210e3 * 1.2e-3
-        np.testing.assert_allclose(
+        near(
             fields["stress"],
             np.tile(expected[(0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)], (40, 1)),
-            rtol=0,
-            atol=SOLVED * size,
+            SOLVED * size,
         )
-        np.testing.assert_allclose(
-            fields["von_mises"], von_mises(expected), rtol=0, atol=SOLVED * size
-        )
+        near(fields["von_mises"], von_mises(expected), SOLVED * size)
 
 
 def test_blocks_not_matching() -> None:
     """A uniform pressure passes; both tops of the symmetric half-model widen equally."""
     result = solved("blocks_not_matching")
     np.testing.assert_allclose(result.traction[0, :, 0], 100, rtol=SOLVED)
-    np.testing.assert_allclose(result.traction[0, :, 1], 0, atol=100 * SOLVED)
+    near(result.traction[0, :, 1], 0, 100 * SOLVED)
     # Plane strain, -100 along y: u = (ν (1 + ν) p x, -(1 - ν²) p (y + 10))/E.
     x = result.case.model.nodes
     u = result[0].displacement.reshape(-1, 2)
     exact = 100 / 210e3 * np.column_stack([0.39 * x[:, 0], -0.91 * (x[:, 1] + 10)])
-    np.testing.assert_allclose(u, exact, rtol=0, atol=SOLVED * np.abs(exact).max())
+    close(u, exact, SOLVED)
     through = result.contact_force("upper.bottom")
     # Pulled by 1200 N at the end; the symmetry plane carries the rest.
     held = result.support_force("lower.bottom")
@@ -111,9 +109,7 @@ def test_gmsh_two_bodies() -> None:
     through = result.contact_force("disc.arc")
     for name, sign in (("disc.top", 1), ("block.base", -1)):
         held = result.support_force(name)
-        np.testing.assert_allclose(
-            held + sign * through, 0, atol=SOLVED * np.abs(through).max()
-        )
+        near(held + sign * through, 0, SOLVED * np.abs(through).max())
     ratio = through[:, 0] / through[:, 1]
     assert ratio[3] == pytest.approx(-0.2, rel=0.01)
     assert ratio[4] == pytest.approx(0.2, rel=0.01)

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from bipot_rs import scene
 from bipot_rs.scene.schema.mesh import Axis
 from support import places
+from support.comparisons import near
 from support.faulty_scenes import MISTAKES
 
 DATA = places.DATA
@@ -198,11 +199,10 @@ def test_cyclic_path() -> None:
     k = np.arange(41)
     # First pressing alone, then forty steps of the sine.
     # The phase, up to 4π, is rounded: 4π ε of the amplitude.
-    np.testing.assert_allclose(
+    near(
         case.prescribed[:, top].T,
         np.tile(0.025 * np.sin(2 * np.pi * k / 20), (9, 1)),
-        rtol=0,
-        atol=0.025 * 4 * np.pi * 2.3e-16,
+        0.025 * 4 * np.pi * 2.3e-16,
     )
 
 

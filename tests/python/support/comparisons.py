@@ -1,10 +1,11 @@
-"""Whether two results, or two files, have the same content."""
+"""Arrays close to each other, refused calls, results and files of the same content."""
 
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import pytest
 
 # Every field of a step except times. `work` counts the inverse of W in the step that makes
 # it, and a failed step may have made it.
@@ -19,6 +20,21 @@ FIELDS = (
     "bipotential_gap",
     "displacement",
 )
+
+
+def close(found: Any, wanted: Any, part: float) -> None:
+    """Each entry differs by at most ``part`` of the largest wanted entry."""
+    near(found, wanted, part * np.abs(wanted).max())
+
+
+def near(found: Any, wanted: Any, limit: Any) -> None:
+    """Each entry differs by at most ``limit``."""
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=limit)
+
+
+def refused(message: str) -> Any:
+    """The block raises a ``ValueError`` with this message, a regular expression."""
+    return pytest.raises(ValueError, match=message)
 
 
 def bits(one: Any, other: Any, fields: tuple[str, ...] = FIELDS) -> bool:

@@ -1,4 +1,4 @@
-"""A sphere of triangles, refined from an icosahedron."""
+"""A sphere of triangles, refined from an icosahedron, and a cube of triangles."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,3 +36,13 @@ def icosphere(halvings: int) -> tuple[Floats, Ints]:
         faces = np.concatenate([np.stack(part, axis=1) for part in parts])
         x = np.concatenate([x, middle])
     return x, faces.astype(np.int64)
+
+
+def cube() -> tuple[Floats, Ints]:
+    """Corners of ``[0, 1]³`` and two triangles for each face, with outward normals."""
+    x = np.array([(a, b, c) for a in (0, 1) for b in (0, 1) for c in (0, 1)], float)
+    ends = [np.flatnonzero(x[:, k] == end) for k in range(3) for end in (0, 1)]
+    faces = np.array([f for a, b, c, d in ends for f in ([a, b, d], [a, d, c])])
+    inwards = np.linalg.det(x[faces] - 0.5) < 0
+    faces[inwards] = faces[inwards, ::-1]
+    return x, faces
