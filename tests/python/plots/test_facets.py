@@ -2,15 +2,17 @@
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Path3DCollection, Poly3DCollection
 
 import bipot_rs as bp
 from bipot_rs import fem, plots
-from bipot_rs.fem.contact_surface import contact_facets
+from bipot_rs.fem.contact_surface import contact_facets, surface_labels
 from bipot_rs.plots.data import DrawnContacts, look
 from bipot_rs.plots.geometry import triangles
+from bipot_rs.plots.run_figure import write_figure
 from support.layout import overlaps
 
 
@@ -25,39 +27,43 @@ def bowl(cells: int, cell: str) -> fem.Assembly:
     return fem.assemble([body], [floor], [fem.Support("bowl", "top", [0, 1, 2])])
 
 
+def area_of_triangles(x: Any, corners: Any) -> float:
+    a, b, c = x[corners].swapaxes(0, 1)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
+
+
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_facets_of_a_curved_surface_cover_it(cell: str) -> None:
     model = bowl(6, cell)
     facets = triangles.check_facets(contact_facets(model), len(model.points))
     assert len(facets) == (36 if cell == "hexahedron" else 72)
-    a, b, c = model.points[triangles.split(facets)].swapaxes(0, 1)
+    area = area_of_triangles(model.points, triangles.split(facets))
     # Triangles are exact; quadrilaterals are not plane.
     rounding = 1e-2 if cell == "hexahedron" else 1e-9
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
     assert area == pytest.approx(model.area.sum(), rel=rounding)
     assert not triangles.alone(facets, len(model.points)).size
+
+
+def joined_by_mortar(lower: Any, cell: str, order: int) -> fem.Assembly:
+    """A unit cube, whose grid has four cells, on a body with this grid along x."""
+    grid = np.linspace(0, 1, 5)
+    bodies = []
+    for name, x, z in (("high", grid, [1, 2]), ("low", lower, [0, 1])):
+        mesh = fem.box([x, grid, z], cell)
+        mesh = fem.second_order(mesh) if order == 2 else mesh
+        bodies.append(fem.Body(name, mesh, fem.Material(10.0, 0.3)))
+    pair = {"against": ("low", "top"), "pairing": "mortar"}
+    contact = fem.Contact("high", "bottom", 0.3, **pair)
+    return fem.assemble(bodies, [contact], [fem.Support("low", "bottom", [0, 1, 2])])
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_second_order_mortar_surfaces_are_whole(cell: str) -> None:
     """Contacts are at the corners only, and still form a surface."""
-    grid = np.linspace(0, 1, 4)
-    bodies = [
-        fem.Body(
-            name,
-            fem.second_order(fem.box([grid, grid, [low, low + 1]], cell)),
-            fem.Material(10.0, 0.3),
-        )
-        for name, low in (("low", 0.0), ("high", 1.0))
-    ]
-    touching = fem.Contact(
-        "high", "bottom", 0.3, against=("low", "top"), pairing="mortar"
-    )
-    model = fem.assemble(bodies, [touching], [fem.Support("low", "bottom", [0, 1, 2])])
+    model = joined_by_mortar(np.linspace(0, 1, 5), cell, 2)
     facets = triangles.check_facets(contact_facets(model), len(model.points))
     assert not triangles.alone(facets, len(model.points)).size
-    a, b, c = model.points[triangles.split(facets)].swapaxes(0, 1)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    area = area_of_triangles(model.points, triangles.split(facets))
     assert area == pytest.approx(1.0, rel=1e-12)
 
 
@@ -65,8 +71,7 @@ def drawn_area(seen: DrawnContacts) -> float:
     """Area of the facets and patches that are drawn."""
     x, _, patches = seen.spread(seen.gap)
     assert seen.facets is not None
-    a, b, c = x[np.concatenate([triangles.split(seen.facets), patches])].swapaxes(0, 1)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
+    return area_of_triangles(x, np.concatenate([triangles.split(seen.facets), patches]))
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -76,16 +81,7 @@ def test_mortar_surfaces_end_where_the_other_does(
     side: tuple[float, float], cell: str, order: int
 ) -> None:
     """The upper body lies on a part of the lower one; neither mesh fits the border."""
-    upper, lower = np.linspace(0, 1, 5), np.linspace(*side, 4)
-    bodies = []
-    for name, x, z in (("high", upper, (1, 2)), ("low", lower, (0, 1))):
-        mesh = fem.box([x, upper, list(z)], cell)
-        mesh = fem.second_order(mesh) if order == 2 else mesh
-        bodies.append(fem.Body(name, mesh, fem.Material(10.0, 0.3)))
-    contact = fem.Contact(
-        "high", "bottom", 0.3, against=("low", "top"), pairing="mortar"
-    )
-    model = fem.assemble(bodies, [contact], [fem.Support("low", "bottom", [0, 1, 2])])
+    model = joined_by_mortar(np.linspace(*side, 4), cell, order)
     count = len(model.points)
     result = bp.ReducedProblem(np.eye(3 * count), np.ones((count, 3)), 0.3).solve()
     seen = look(result, contacts=model)
@@ -150,33 +146,17 @@ def test_pieces_of_facets_have_linear_values(corners: int) -> None:
 @pytest.mark.slow
 def test_the_picture_of_a_run_has_facets(tmp_path: Any, monkeypatch: Any) -> None:
     """Not dots; dots only if the facets are not known."""
-    from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Path3DCollection, Poly3DCollection
-
-    from bipot_rs.fem.contact_surface import surface_labels
-    from bipot_rs.plots.run_figure import write_figure
-
     model = bowl(4, "hexahedron")
     solved = model.problem().solve(prescribed=model.prescribed([[0.0, 0.0, -0.1]]))
-    arrays_known = solved.contacts | surface_labels(model)
+    known = solved.contacts | surface_labels(model)
     kept: list[Any] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
-    for without in ((), ("facets",)):
-        contacts = {
-            name: arrays_known[name] for name in arrays_known if name not in without
-        }
-        result = bp.Result(
-            solved.steps,
-            contacts=contacts,
-            shape=solved.shape,
-            success=True,
-            message="",
-        )
+    about = {"shape": solved.shape, "success": True, "message": ""}
+    for contacts in (known, {k: v for k, v in known.items() if k != "facets"}):
+        result = bp.Result(solved.steps, contacts=contacts, **about)
         write_figure(tmp_path / "a.png", result)
-    for figure, drawn, absent in (
-        (kept[0], Poly3DCollection, Path3DCollection),
-        (kept[1], Path3DCollection, Poly3DCollection),
-    ):
+    kinds = [Poly3DCollection, Path3DCollection]
+    for figure, (drawn, absent) in zip(kept, (kinds, kinds[::-1]), strict=True):
         panels = [ax for ax in figure.findobj() if getattr(ax, "name", "") == "3d"]
         assert len(panels) == 3
         for ax in panels:
@@ -198,19 +178,21 @@ def surfaces(nodes: int) -> Any:
     return bp.pairs(at, down, at - [0, 0, 0.1], facets), at, down
 
 
+def pressed_pairs(model: Any) -> bp.Result:
+    """Each side on springs of its own, pressed together."""
+    K = np.eye(model.B.shape[1])
+    known = {"points": model.points, "frame": model.frame, "area": model.area}
+    return bp.ContactProblem(K, model.B, gap=model.gap - 0.2, mu=0.3, **known).solve()
+
+
 @pytest.mark.parametrize("nodes", [4, 6])
 def test_mortar_surfaces_know_their_facets(nodes: int) -> None:
     pairs, at, down = surfaces(nodes)
     kept = triangles.check_facets(pairs.facets, len(pairs.points))
     corners = 4 if nodes == 4 else 3
-    np.testing.assert_array_equal(
-        pairs.points[kept[:, :corners]], at[down[:, :corners]]
-    )
-    n = pairs.B.shape[1]
-    result = bp.ContactProblem(
-        np.eye(n), pairs.B, gap=pairs.gap - 0.2, mu=0.3, points=pairs.points,
-        frame=pairs.frame, area=pairs.area,
-    ).solve()  # fmt: skip
+    there = pairs.points[kept[:, :corners]]
+    np.testing.assert_array_equal(there, at[down[:, :corners]])
+    result = pressed_pairs(pairs)
     ax = plots.surface3d(result, contacts=pairs)
     image = next(c for c in ax.collections if c.get_array() is not None)
     assert len(image.get_array()) % len(down) == 0
@@ -222,18 +204,11 @@ def test_mortar_surfaces_know_their_facets(nodes: int) -> None:
 
 def test_contacts_on_no_facet_are_dots() -> None:
     model, *_ = surfaces(4)
-    n = model.B.shape[1]
-    result = bp.ContactProblem(
-        np.eye(n), model.B, gap=model.gap - 0.2, mu=0.3, points=model.points,
-        frame=model.frame, area=model.area,
-    ).solve()  # fmt: skip
+    result = pressed_pairs(model)
     result.contacts["facets"] = model.facets[:1]
-    left_out = 9 - 4
     for ax in (result.plot("pressure_3d"), result.plot("pressure_map")):
-        dots = [
-            len(c.get_offsets()) for c in ax.collections if len(c.get_offsets()) > 1
-        ]
-        assert dots == [left_out]
+        sizes = [len(c.get_offsets()) for c in ax.collections]
+        assert [size for size in sizes if size > 1] == [9 - 4]
 
 
 def stacked(gap: float) -> tuple[fem.Assembly, bp.Result]:
@@ -264,27 +239,6 @@ def test_gaps_between_bodies_are_not_enlarged(
     assert overlaps(ax.figure) == []
 
 
-def test_gaps_to_obstacles_are_enlarged() -> None:
-    """A closed contact touches the band at any factor: no text is needed."""
-    from matplotlib.collections import PolyCollection
-
-    grid = np.linspace(0, 1, 4)
-    mesh = fem.box([grid, grid + 0.05], "quadrilateral")
-    body = fem.Body("it", mesh, fem.Material(10.0, 0.3))
-    floor = fem.Contact("it", "bottom", 0.3, ([0, 0], [0, 1]))
-    model = fem.assemble([body], [floor], [fem.Support("it", "top", [0, 1])])
-    result = model.problem().solve(prescribed=model.prescribed([[0.0, -0.06]]))
-    assert (result.status != bp.Status.OPEN).all()
-    for scale in (1.0, 3.0, 10.0):
-        ax = plots.deformed(model, result, scale=scale)
-        assert "gaps" not in ax.get_title("left")
-        cells, band = (c for c in ax.collections if type(c) is PolyCollection)
-        top = max(path.vertices[:, 1].max() for path in band.get_paths())
-        low = min(path.vertices[:, 1].min() for path in cells.get_paths())
-        # Rounding of the displacements, enlarged.
-        assert top == pytest.approx(low, abs=1e-9 * scale)
-
-
 def test_a_part_of_the_bodies_is_drawn() -> None:
     model, result = stacked(0.05)
     ax = plots.deformed(model, result, box=[[0.5, 1.2], [0.0, 0.9]])
@@ -299,11 +253,10 @@ def test_arrows_keep_clear_of_the_colour_bar(shape: tuple[float, float]) -> None
     """Also in a high or a low map, whose bar is as wide and as high as the map asks."""
     u, v = (side * np.linspace(0, 1, 5) for side in shape)
     x = np.array([[a, b, 0.0] for a in u for b in v])
-    frame = np.broadcast_to(np.eye(3)[[2, 0, 1]], (len(x), 3, 3))
     # Each is pushed along x, and sticks.
-    reaction = np.tile([2.0, 0.5, 0.0], (len(x), 1))
-    W, q = np.eye(3 * len(x)), -reaction
-    solution = bp.ReducedProblem(W, q, 0.3).solve()
+    q = np.tile([-2.0, -0.5, 0.0], (len(x), 1))
+    solution = bp.ReducedProblem(np.eye(q.size), q, 0.3).solve()
+    frame = np.broadcast_to(np.eye(3)[[2, 0, 1]], (len(x), 3, 3))
     known = {"x": x, "frame": frame, "area": np.ones(len(x))}
     ax = plots.surface_map(solution, "shear", contacts=known)
     ax.figure.canvas.draw()
@@ -312,4 +265,3 @@ def test_arrows_keep_clear_of_the_colour_bar(shape: tuple[float, float]) -> None
     tips = ax.transData.transform([[arrows.X.max() + half, 0.0]])[0, 0]
     left = ax.child_axes[0].get_window_extent().x0
     assert left - tips > 0.01 * ax.get_window_extent().width
-    plt.close("all")

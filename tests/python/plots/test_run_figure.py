@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib.figure
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 import bipot_rs as bp
 from bipot_rs import fem
@@ -15,154 +15,110 @@ from bipot_rs.plots.run_figure import write_figure
 from support.layout import overlaps
 
 
-def contacts(x: NDArray[np.float64], normal: NDArray[np.float64]) -> dict[str, Any]:
+def contacts(x: Any, normal: Any) -> dict[str, Any]:
     frame = fem.frames(np.broadcast_to(normal, x.shape))
-    return {
-        "x": x,
-        "area": np.full(len(x), 0.1),
-        "mu": np.full(len(x), 0.3),
-        "frame": frame,
+    return {"x": x, "area": np.full(len(x), 0.1), "mu": np.full(len(x), 0.3)} | {
+        "frame": frame
     }
 
 
-def step(count: int, dim: int, k: int = 0) -> dict[str, Any]:
-    random = np.random.default_rng(k)
-    reaction = random.uniform(0, 1, (count, dim))
-    return {
-        "load": float(k),
-        "reaction": reaction,
-        "status": random.integers(0, 3, count).astype(np.int8),
-    }
+def grid(n: int) -> tuple[Any, Any]:
+    u, v = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
+    return u.ravel(), v.ravel()
 
 
-def path_of(known: dict[str, Any], steps: list[dict[str, Any]]) -> bp.Result:
-    """A result with these contacts and steps."""
-    n, d = known["x"].shape
-    solved = bp.solve(
-        np.eye(n * d), np.eye(n * d), np.zeros(n * d), gap=np.ones(n), mu=0.3
-    )[0]
-    fields = [
-        {key: fields_of_step[key] for key in ("reaction", "status")}
-        for fields_of_step in steps
-    ]
-    return bp.Result(
-        [replace(solved, **fields_of_step) for fields_of_step in fields],
-        contacts=known,
-        shape=(n, d),
-        success=True,
-        message="",
-        units={"length": "mm", "stress": "MPa"},
-    )
+def plane(n: int) -> dict[str, Any]:
+    u, v = grid(n)
+    return contacts(np.column_stack([u, v, 0 * u]), [0.0, 0.0, 1.0])
 
 
-def figure_of(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> Any:
-    """The picture written to ``path``, as a figure."""
-    kept: list[Any] = []
-    save = matplotlib.figure.Figure.savefig
-
-    def keep(figure: Any, *a: Any, **k: Any) -> None:
-        kept.append(figure)
-        save(figure, *a, **k)
-
-    monkeypatch.setattr(matplotlib.figure.Figure, "savefig", keep)
-    write_figure(path, path_of(*arguments), title="It")
-    assert path.read_bytes().startswith(b"\x89PNG")
-    return kept[0]
-
-
-def drawn(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> list[str]:
-    """Titles, labels and legends of the picture written to ``path``."""
-    from matplotlib.text import Text
-
-    figure = figure_of(monkeypatch, path, *arguments)
-    return [t.get_text() for t in figure.findobj(Text) if t.get_text()]
-
-
-def test_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    x = np.column_stack([np.linspace(0, 1, 9), np.zeros(9)])
-    plane = contacts(x, np.array([0.0, 1.0]))
-    texts = drawn(monkeypatch, tmp_path / "a.png", plane, [step(9, 2)])
-    counts = np.bincount(step(9, 2)["status"], minlength=3)
-    for text in ("It", "traction [MPa]", "x [mm]", f"slip ({counts[1]})"):
-        assert text in texts
-    assert "load step" not in texts  # # one step is not a path
-
-
-@pytest.mark.slow
-def test_plane_and_path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    u, v = np.meshgrid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
-    x = np.column_stack([u.ravel(), v.ravel(), 0 * u.ravel()])
-    plane = contacts(x, np.array([0.0, 0.0, 1.0]))
-    steps = [step(36, 3, k) for k in range(5)]
-    texts = drawn(monkeypatch, tmp_path / "a.png", plane, steps)
-    for text in (
-        "pressure [MPa]",
-        "shear traction [MPa]",
-        "load step",
-        "y [mm]",
-    ):
-        assert text in texts
-
-
-def test_surfaces_that_are_not_one_plane(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    x = np.random.default_rng(4).uniform(size=(30, 3))
-    texts = drawn(
-        monkeypatch,
-        tmp_path / "a.png",
-        contacts(x, np.array([0.0, 0.0, 1.0])),
-        [step(30, 3)],
-    )
-    assert "pressure [MPa]" in texts
-
-
-@pytest.mark.slow
-def test_a_ball_can_be_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def ball() -> dict[str, Any]:
     out = np.random.default_rng(1).normal(size=(200, 3))
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     out = out[out[:, 2] < -0.8]
-    ball = contacts(10 * out, np.array([0.0, 0.0, 1.0])) | {"frame": fem.frames(-out)}
-    steps = [step(len(out), 3, k) for k in range(2)]
-    figure = figure_of(monkeypatch, tmp_path / "a.png", ball, steps)
-    assert overlaps(figure) == []
+    return contacts(10 * out, -out)
+
+
+def floor_and_wall() -> dict[str, Any]:
+    """Each with its own coordinates and its own path."""
+    floor, (u, v) = plane(5), grid(5)
+    wall = contacts(np.column_stack([0 * u, u, v]), [1.0, 0.0, 0.0])
+    both = {name: np.concatenate([floor[name], wall[name]]) for name in floor}
+    names = ["block.bottom", "block.side"]
+    return both | {"surface": np.repeat([0, 1], len(u)), "surface_names": names}
+
+
+def figure_of(
+    known: dict[str, Any], path: Path, steps: int, *, pressed: bool = True
+) -> tuple[Figure, list[str], Any]:
+    """The picture of steps with random forces and statuses, its texts, the statuses."""
+    n, d = known["x"].shape
+    K, nothing = np.eye(n * d), np.zeros(n * d)
+    solved = bp.solve(K, K, nothing, gap=np.ones(n), mu=0.3)[0]
+    of_steps = []
+    for k in range(steps):
+        random = np.random.default_rng(k)
+        reaction = pressed * random.uniform(0, 1, (n, d))
+        status = pressed * random.integers(0, 3, n).astype(np.int8)
+        of_steps.append(replace(solved, reaction=reaction, status=status))
+    units = {"length": "mm", "stress": "MPa"}
+    about = {"contacts": known, "shape": (n, d), "success": True, "message": ""}
+    kept: list[Figure] = []
+    save = Figure.savefig
+
+    def keep(figure: Figure, *a: Any, **k: Any) -> None:
+        kept.append(figure)
+        save(figure, *a, **k)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", keep)
+        write_figure(path, bp.Result(of_steps, **about, units=units), title="It")
+    assert path.read_bytes().startswith(b"\x89PNG")
+    texts = [t.get_text() for t in kept[0].findobj(Text) if t.get_text()]
+    return kept[0], texts, of_steps[0].status
+
+
+def test_line(tmp_path: Path) -> None:
+    x = np.column_stack([np.linspace(0, 1, 9), np.zeros(9)])
+    _, texts, status = figure_of(contacts(x, [0.0, 1.0]), tmp_path / "a.png", 1)
+    slipping = f"slip ({np.sum(status == 1)})"
+    assert {"It", "traction [MPa]", "x [mm]", slipping} <= set(texts)
+    assert "load step" not in texts  # one step is not a path
+
+
+def test_a_plane_where_nothing_is_pressed(tmp_path: Path) -> None:
+    _, texts, _ = figure_of(plane(4), tmp_path / "a.png", 2, pressed=False)
+    assert "open (16)" in texts
+
+
+SCATTERED = np.random.default_rng(4).uniform(size=(30, 3))
 
 
 @pytest.mark.slow
-def test_each_plane_surface_has_its_own_maps(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize(
+    ("known", "steps", "expected"),
+    [
+        (
+            plane(6),
+            5,
+            {"pressure [MPa]", "shear traction [MPa]", "load step", "y [mm]"},
+        ),
+        (contacts(SCATTERED, [0.0, 0.0, 1.0]), 1, {"pressure [MPa]"}),
+        (ball(), 2, set()),
+        (
+            floor_and_wall(),
+            3,
+            {"x [mm]", "y [mm]", "z [mm]", "It, load step 3 of 3"},
+        ),
+    ],
+    ids=["plane", "no plane", "ball", "two planes"],
+)
+def test_surfaces_in_space_can_be_read(
+    known: Any, steps: int, expected: set[str], tmp_path: Path
 ) -> None:
-    """A floor and a wall: each with its own coordinates and its own path."""
-    u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
-    floor = contacts(np.column_stack([u, v, 0 * u]), np.array([0.0, 0.0, 1.0]))
-    wall = contacts(np.column_stack([0 * u, u, v]), np.array([1.0, 0.0, 0.0]))
-    both = {name: np.concatenate([floor[name], wall[name]]) for name in floor}
-    both |= {
-        "surface": np.repeat([0, 1], len(u)),
-        "surface_names": ["block.bottom", "block.side"],
-    }
-    steps = [step(2 * len(u), 3, k) for k in range(3)]
-    figure = figure_of(monkeypatch, tmp_path / "a.png", both, steps)
+    figure, texts, _ = figure_of(known, tmp_path / "a.png", steps)
+    assert expected <= set(texts)
     assert overlaps(figure) == []
-    from matplotlib.text import Text
-
-    texts = [t.get_text() for t in figure.findobj(Text)]
-    # Above its maps, and in the legend of the path.
-    assert texts.count("block.bottom") == texts.count("block.side") == 2
-    assert {"x [mm]", "y [mm]", "z [mm]", "It, load step 3 of 3"} <= set(texts)
-
-
-def test_tractions_of_open_contact(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    u, v = np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 1, 4))
-    x = np.column_stack([u.ravel(), v.ravel(), 0 * u.ravel()])
-    nothing = {
-        "load": 0.0,
-        "reaction": np.zeros((16, 3)),
-        "status": np.zeros(16, np.int8),
-    }
-    plane = contacts(x, np.array([0.0, 0.0, 1.0]))
-    assert "open (16)" in drawn(
-        monkeypatch, tmp_path / "a.png", plane, [nothing, nothing]
-    )
+    for name in known.get("surface_names", ()):
+        # Above its maps, and in the legend of the path.
+        assert texts.count(name) == 2

@@ -13,20 +13,12 @@ from bipot_rs.plots.style import beyond
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 
 
-def springs(
-    points: Any, load: Any, mu: Any = 0.3, frame: Any = None
-) -> tuple[bp.ContactProblem, Any]:
+def springs(points: Any, load: Any, **law: Any) -> tuple[bp.ContactProblem, Any]:
     """Points on springs of their own, of 1000 N/mm, that touch a wall."""
     n, d = np.shape(points)
-    problem = bp.ContactProblem(
-        1e3 * np.eye(n * d),
-        np.eye(n * d),
-        gap=np.zeros(n),
-        mu=mu,
-        points=points,
-        frame=frame,
-    )
-    return problem, np.ravel(load)
+    law = {"mu": 0.3, "points": points} | law
+    K, B = 1e3 * np.eye(n * d), np.eye(n * d)
+    return bp.ContactProblem(K, B, gap=np.zeros(n), **law), np.ravel(load)
 
 
 @pytest.fixture(scope="module")
@@ -46,13 +38,9 @@ def row() -> Any:
     return result.vjp(reaction=bar)
 
 
-def rings(ax: Any) -> Any:
-    collections = [it for it in ax.collections if isinstance(it, PathCollection)]
-    return (
-        np.concatenate([it.get_offsets() for it in collections])
-        if collections
-        else None
-    )
+def rings(ax: Any) -> list[Any]:
+    shown = [it for it in ax.collections if isinstance(it, PathCollection)]
+    return [place for it in shown for place in it.get_offsets().tolist()]
 
 
 def test_a_line_shows_the_derivative_of_each_contact(row: Any) -> None:
@@ -62,28 +50,26 @@ def test_a_line_shows_the_derivative_of_each_contact(row: Any) -> None:
     np.testing.assert_array_equal(y, row.gap[[1, 2, 0]])
     # Entries of K and W are powers of ten: only the solver's rounding is left.
     np.testing.assert_allclose(y[[0, 2]], [300.0, 0.0], rtol=1e-12, atol=1e-10)
-    assert ax.get_ylabel() == "d(friction) / d(gap) [N/mm]"
     assert ax.get_xlabel() == "x [mm]"
     by_mu = plots.sensitivity(row, of="friction", unit="N")
-    assert by_mu.get_ylabel() == "d(friction) / d(μ) [N]"
     assert by_mu.get_lines()[0].get_ydata()[0] == pytest.approx(-10.0, rel=1e-12)
+    for more, label in (
+        ({"by": "gap", "of": "friction", "unit": "N"}, "d(friction) / d(gap) [N/mm]"),
+        ({"of": "friction", "unit": "N"}, "d(friction) / d(μ) [N]"),
+        # The unit is left out if one part is unknown.
+        ({"by": "gap"}, "d(number) / d(gap)"),
+        ({"by": "gap", "unit": "N", "units": {}}, "d(number) / d(gap)"),
+        ({"by": "gap", "unit": "N/mm"}, "d(number) / d(gap) [(N/mm)/mm]"),
+    ):
+        assert plots.sensitivity(row, **more).get_ylabel() == label
 
 
 def test_one_sided_contacts_have_rings(row: Any) -> None:
     np.testing.assert_array_equal(row.one_sided, [[False, False, True]])
     ax = plots.sensitivity(row)
-    np.testing.assert_array_equal(rings(ax), [[1.0, row.mu[2]]])
-    legend = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert legend[-1] == "one-sided (1)"
-    assert rings(plots.sensitivity(row, on=[0, 1])) is None
-
-
-def test_the_unit_is_left_out_if_one_part_is_unknown(row: Any) -> None:
-    assert plots.sensitivity(row, "gap").get_ylabel() == "d(number) / d(gap)"
-    ax = plots.sensitivity(row, "gap", unit="N", units={})
-    assert ax.get_ylabel() == "d(number) / d(gap)"
-    ax = plots.sensitivity(row, "gap", unit="N/mm")
-    assert ax.get_ylabel() == "d(number) / d(gap) [(N/mm)/mm]"
+    assert rings(ax) == [[1.0, row.mu[2]]]
+    assert ax.get_legend().get_texts()[-1].get_text() == "one-sided (1)"
+    assert rings(plots.sensitivity(row, on=[0, 1])) == []
 
 
 def test_gaps_of_one_step_or_of_all() -> None:
@@ -144,8 +130,5 @@ def test_wrong_arguments_are_named(
 ) -> None:
     with pytest.raises(error, match=says):
         plots.sensitivity(row, **more)
-
-
-def test_what_is_not_a_gradient_is_refused(row: Any) -> None:
     with pytest.raises(TypeError, match=r"gradient.*a gradient of Result\.vjp"):
         plots.sensitivity(row.result)

@@ -361,6 +361,7 @@ def test_every_public_name_is_in_the_reference() -> None:
         "contact.results.state",
         "fclib",
         "obstacle.motion",
+        "plots.style",
     ],
 )
 def test_examples_of_docstrings(
