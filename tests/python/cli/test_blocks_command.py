@@ -114,24 +114,19 @@ def test_a_file_of_compas(bipot: Any) -> None:
     assert "block '2' moves" in errors
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_mistakes(bipot: Any) -> None:
+    held = (SHELF, "--support", "0")
+    for words, message in (
         ((SHELF, "--mu", "0.9"), "no block is a support"),
         ((SHELF, "--mu", "0.9", "--support", "11"), "there is no block '11'"),
-        ((SHELF, "--support", "0"), "required: --mu"),
-        ((SHELF, "--mu", "-1", "--support", "0"), "mu"),
-        ((SHELF, "--mu", "1", "--support", "0", "--push", "1,0"), "shape (2,)"),
-        ((SHELF, "--mu", "0.2", "--support", "0", "--push", "1,0"), "shape (2,)"),
-        (
-            (SHELF, "--mu", "1", "--support", "0", "--push", "1,a"),
-            "'a' is not a number",
-        ),
-        ((SHELF, "--mu", "1", "--support", "0", "--out", "a.xyz"), "a suffix of"),
+        (held, "required: --mu"),
+        ((*held, "--mu", "-1"), "mu"),
+        ((*held, "--mu", "1", "--push", "1,0"), "shape (2,)"),
+        ((*held, "--mu", "0.2", "--push", "1,0"), "shape (2,)"),
+        ((*held, "--mu", "1", "--push", "1,a"), "'a' is not a number"),
+        ((*held, "--mu", "1", "--out", "a.xyz"), "a suffix of"),
         (("none.json", "--mu", "1", "--support", "0"), "No such file"),
-    ],
-)
-def test_mistakes(bipot: Any, arguments: tuple[str, ...], message: str) -> None:
-    status, _, errors = bipot("blocks", *arguments)
-    assert status == 2
-    assert message in errors
+    ):
+        status, _, errors = bipot("blocks", *words)
+        assert status == 2
+        assert message in errors

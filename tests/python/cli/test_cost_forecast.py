@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,22 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from bipot_rs import fem
 from bipot_rs.cli import progress as telling
 from bipot_rs.cli.run import cost_forecast
 from bipot_rs.scene import assemble, bodies, read
-from support.bars import bar_problem
 from support.lap_joint import lap_joint
+from support.models_and_arrays import arguments
 
 COUNTS = (
     *("bodies", "n_contact_dofs", "nnz_factor", "flops", "bytes_factor"),
     *("bytes_peak", "ordering"),
 )
+
+
+def model_of(scene: str, *settings: str) -> fem.Assembly:
+    asked = read(scene, settings)
+    return assemble(asked, bodies(asked)).model
 
 
 @pytest.mark.parametrize(
@@ -36,9 +43,9 @@ COUNTS = (
         ("sheared_cube", 13),
     ],
 )
+@pytest.mark.slow_variants("sheared_cube-13")
 def test_forecast_comes_once_and_is_correct(scene: str, n: int) -> None:
-    asked = read(scene, [f"mesh.n={n}"])
-    model = assemble(asked, bodies(asked)).model
+    model = model_of(scene, f"mesh.n={n}")
     told: list[Any] = []
     problem = model.problem(on_forecast=told.append)
     (counts,) = told
@@ -46,31 +53,21 @@ def test_forecast_comes_once_and_is_correct(scene: str, n: int) -> None:
     assert {name: problem.stats[name] for name in counts} == dict(counts)
     # The problem is the same without a forecast.
     assert model.problem().stats["flops"] == counts["flops"]
+    with pytest.raises(TypeError, match="on_forecast is 3, expected a function"):
+        model.problem(on_forecast=3)
 
 
 def test_with_few_of_many_candidates() -> None:
     """Above 600 components only the candidates that touch are condensed."""
-    asked = read("sheared_cube", ["mesh.n=14"])
-    model = assemble(asked, bodies(asked)).model
+    model = model_of("sheared_cube", "mesh.n=14")
     told: list[Any] = []
-    gap = model.gap.copy()
-    gap[3:] = 1.0
-    problem = bp.ContactProblem(
-        model.K,
-        model.B,
-        gap=gap,
-        mu=0.3,
-        fixed=model.fixed,
-        working_set=True,
-        on_forecast=told.append,
-    )
+    known = arguments(model)
+    known["gap"] = np.where(np.arange(len(model.gap)) < 3, model.gap, 1.0)
+    del known["coordinates"]
+    problem = bp.ContactProblem(**known, working_set=True, on_forecast=told.append)
     assert problem.stats["working_set"] is not None
     assert told[-1]["n_contact_dofs"] == problem.stats["n_contact_dofs"]
     assert told[-1]["flops"] == problem.stats["flops"]
-
-
-class _NoError(Exception):
-    """Raised by the callback."""
 
 
 def test_the_iterative_forecast_follows_the_iterations() -> None:
@@ -92,24 +89,15 @@ def test_the_iterative_forecast_follows_the_iterations() -> None:
 
 
 def test_an_exception_ends_the_work_in_the_calling_thread() -> None:
-    asked = read("sheared_cube", ["mesh.n=13"])
-    model = assemble(asked, bodies(asked)).model
     where = []
 
     def stop(_: Any) -> None:
         where.append(threading.current_thread())
-        raise _NoError
+        raise InterruptedError
 
-    with pytest.raises(_NoError):
-        model.problem(on_forecast=stop)
+    with pytest.raises(InterruptedError):
+        model_of("sheared_cube", "mesh.n=8").problem(on_forecast=stop)
     assert where == [threading.current_thread()]
-
-
-def test_no_function() -> None:
-    problem = bar_problem()[0]
-    assert problem.stats["flops"] >= 0
-    with pytest.raises(TypeError, match="on_forecast is 3, expected a function"):
-        bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.3, on_forecast=3)
 
 
 def test_more_work_takes_longer_and_more_cores_less(
@@ -149,14 +137,8 @@ def test_the_memory_of_a_run_is_what_check_says(
 
     def answer(command: str, *more: str) -> Any:
         words = ["-m", "bipot_rs", command, scene, "--json", *options, *more]
-        ran = subprocess.run(
-            [sys.executable, *words],
-            capture_output=True,
-            text=True,
-            check=True,
-            cwd=tmp_path,
-        )
-        return json.loads(ran.stdout.splitlines()[-1])
+        out = subprocess.check_output([sys.executable, *words], cwd=tmp_path)
+        return json.loads(out.splitlines()[-1])
 
     told = answer("check", "--set", f"solver.engine={engine}")["forecast"]
     assert told["engine"] == engine
@@ -164,22 +146,15 @@ def test_the_memory_of_a_run_is_what_check_says(
     assert 5 / 6 < told["bytes_run"] / peak < 6 / 5
 
 
-def test_a_run_prints_the_forecast_before_the_first_step(
-    tmp_path: Any, monkeypatch: Any, capsys: Any
-) -> None:
-    from bipot_rs.cli.entry import call
-
-    monkeypatch.chdir(tmp_path)
-    assert call(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
-    lines = capsys.readouterr().err.splitlines()
+def test_a_run_prints_the_forecast_before_the_first_step(bipot: Any) -> None:
+    run = ("run", "sheared_cube", "--set", "mesh.n=3")
+    lines = bipot(*run)[2].splitlines()
     assert lines[0] == "Cube pressed onto a rigid plane, then sheared"
-    assert [line.split()[0] for line in lines[1:7]] == [
-        *("bodies", "contacts", "sizes", "engine", "memory", "time")
-    ]
+    heads = "bodies contacts sizes engine memory time"
+    assert [line.split()[0] for line in lines[1:7]] == heads.split()
     assert lines[7].startswith("load step 1 of 2")
     # With --json nothing else is printed.
-    assert call(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
-    assert capsys.readouterr().err == ""
+    assert bipot(*run, "--json")[2] == ""
 
 
 def test_meshes_of_files_are_counted_after_reading(
@@ -210,12 +185,26 @@ class Terminal(io.StringIO):
         return True
 
 
+def wait_for(condition: Callable[[], bool]) -> None:
+    limit = time.monotonic() + 10
+    while not condition() and time.monotonic() < limit:
+        time.sleep(0.01)
+    assert condition()
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time of a phase, which stands."""
+    seconds = [100.0]
+    monkeypatch.setattr(telling, "monotonic", lambda: seconds[0])
+    return seconds
+
+
 def test_a_terminal_shows_that_a_long_phase_is_running(
-    monkeypatch: pytest.MonkeyPatch,
+    clock: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its name, its clock, its share and the rest are drawn again without a new step."""
-    screen, clock = Terminal(), [100.0]
-    monkeypatch.setattr(telling, "monotonic", lambda: clock[0])
+    screen = Terminal()
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
@@ -230,55 +219,49 @@ def test_a_terminal_shows_that_a_long_phase_is_running(
         # The clock without a remaining time: the phases differ too much.
         assert len(re.findall(r"-:--|\d:\d\d:\d\d", began.splitlines()[-1])) == 1
         # Ten times a second, while the core works without holding the interpreter.
-        limit = time.monotonic() + 10
-        while screen.getvalue() == began and time.monotonic() < limit:
-            time.sleep(0.05)
-        assert screen.getvalue() != began
+        wait_for(lambda: screen.getvalue() != began)
         clock[0] += 30.0
-        limit = time.monotonic() + 10
-        while "longer than" not in screen.getvalue() and time.monotonic() < limit:
-            time.sleep(0.05)
         # A forecast that was too short is not a share of 100 %.
-        assert "longer than expected" in screen.getvalue()
+        wait_for(lambda: "longer than expected" in screen.getvalue())
         progress.phase("solve")
         progress.bar.refresh()
         assert "expected" not in screen.getvalue().rpartition("solve")[2]
 
 
 def test_lines_break_the_silence_without_a_terminal(
-    monkeypatch: pytest.MonkeyPatch,
+    clock: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A line after each interval with nothing else, with the share of the forecast."""
-    screen, clock = io.StringIO(), [100.0]
-    monkeypatch.setattr(telling, "monotonic", lambda: clock[0])
+    screen = io.StringIO()
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setattr(telling, "SILENCE", 0.05)
     with telling.Progress(6, 2, quiet=False) as progress:
         progress.phase("condense")
         progress.forecast(40.0)
         clock[0] += 10.0
-        limit = time.monotonic() + 10
-        while not screen.getvalue() and time.monotonic() < limit:
-            time.sleep(0.01)
-        assert screen.getvalue() == (
-            "condense: about 10 s so far, 25 %, about 30 s left\n"
-        )
+        wait_for(lambda: bool(screen.getvalue()))
+        told = "condense: about 10 s so far, 25 %, about 30 s left\n"
+        assert screen.getvalue() == told
         # A step is a line: the clock has not moved since.
         progress.advance("", "load step 1 of 2")
         time.sleep(0.1)
         assert screen.getvalue().splitlines()[1:] == ["load step 1 of 2"]
 
 
-def test_a_nearly_incompressible_body_is_named_before_it_stalls() -> None:
-    """Only if the iterative engine would solve, and only above the ratio."""
-    for poisson, engine, named in (
+@pytest.mark.parametrize(
+    ("poisson", "engine", "named"),
+    [
         (0.4995, "iterative", True),
         (0.4995, "direct", False),
         (0.49, "iterative", False),
-    ):
-        ratio = f"material.steel.poisson={poisson}"
-        asked = read("sheared_cube", ["mesh.n=3", ratio])
-        model = assemble(asked, bodies(asked)).model
-        said = cost_forecast.describe_stalling({"engine": engine}, model)
-        assert bool(said) == named
-        assert all("Use engine = " in line for line in said)
+    ],
+)
+def test_a_nearly_incompressible_body_is_named_before_it_stalls(
+    poisson: float, engine: str, named: bool
+) -> None:
+    """Only if the iterative engine would solve, and only above the ratio."""
+    ratio = f"material.steel.poisson={poisson}"
+    model = model_of("sheared_cube", "mesh.n=3", ratio)
+    said = cost_forecast.describe_stalling({"engine": engine}, model)
+    assert bool(said) == named
+    assert all("Use engine = " in line for line in said)

@@ -16,14 +16,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import sparse
-from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs.cli.run import output_folder
 from bipot_rs.files import export
 from support.bars import bar_problem, pulled
 from support.children import bipot, bipot_with, forked, strays
+from support.matrix_and_tables import of_dofs
 
 RUN = (
     *("run", "cyclic_cube", "--set", "mesh.n=2", "--set", "path.steps=4"),
@@ -38,12 +37,6 @@ def full_after(size: int) -> Callable[..., None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
     return fault
-
-
-@pytest.fixture
-def bipot_here(tmp_path: Path) -> Callable[..., int]:
-    """The exit status of the command in a child process."""
-    return lambda *arguments: bipot(*arguments, cwd=tmp_path).returncode
 
 
 @pytest.fixture
@@ -84,40 +77,40 @@ def test_full_disk_behind_standard_output(tmp_path: Path) -> None:
     assert run.stderr.count("\n") == 1
 
 
-def test_full_disk_under_result_save(tmp_path: Path) -> None:
+def write_result(path: Path, times: float) -> None:
     problem, load = bar_problem()
-    result = problem.solve(pulled(load, np.linspace(0, 30, 5)))
-    path = tmp_path / "a.h5"
-    result.save(path)
+    problem.solve(pulled(load, times * np.linspace(0, 30, 5))).save(path)
+
+
+def write_problem(path: Path, times: float) -> None:
+    problem = bp.ReducedProblem(np.eye(300), times * np.ones((100, 3)), 0.3)
+    bp.fclib.write(path, problem)
+
+
+@pytest.mark.parametrize("write", [write_result, write_problem])
+def test_full_disk_or_kill_in_python(
+    write: Callable[[Path, float], None], tmp_path: Path
+) -> None:
+    path = tmp_path / "a.hdf5"
+    write(path, 1.0)
     before = path.read_bytes()
 
-    def save() -> None:
+    def full() -> None:
         full_after(len(before) // 2)()
         words = f"^cannot write {path}: {os.strerror(errno.EFBIG)}$"
         with pytest.raises(OSError, match=words):
-            result.save(path)
+            write(path, 0.5)
+
+    def killed() -> None:
+        export.os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+        write(path, 0.5)
 
     # The child must end normally: HDF5 aborts the process if it cannot close a file.
-    assert forked(save).returncode == 0
-    assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
-
-
-def test_full_disk_under_a_problem(tmp_path: Path) -> None:
-    problem = bp.ReducedProblem(np.eye(300), np.ones((100, 3)), 0.3)
-    path = tmp_path / "a.hdf5"
-    bp.fclib.write(path, problem)
-    before = path.read_bytes()
-
-    def write() -> None:
-        full_after(len(before) // 2)()
-        words = f"^cannot write {path}: {os.strerror(errno.EFBIG)}$"
-        with pytest.raises(OSError, match=words):
-            bp.fclib.write(path, problem)
-
-    assert forked(write).returncode == 0
-    assert path.read_bytes() == before
+    assert forked(full).returncode == 0
     assert [p.name for p in tmp_path.iterdir()] == ["a.hdf5"]
+    if write is write_result:
+        assert forked(killed).returncode == -signal.SIGKILL
+    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -143,9 +136,7 @@ def test_killed_while_writing(
     assert strays(tmp_path / "here") == []
 
 
-def test_drafts_of_killed_runs_are_removed_by_the_next_run(
-    tmp_path: Path, bipot_here: Callable[..., int]
-) -> None:
+def test_drafts_of_killed_runs_are_removed_by_the_next_run(tmp_path: Path) -> None:
     """In its own folder and in its neighbours; drafts of live runs stay."""
     kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
     for out in ("out/a", "out/b"):
@@ -165,7 +156,7 @@ def test_drafts_of_killed_runs_are_removed_by_the_next_run(
         (backup / "thesis.txt").touch()
     before = strays(stranger)
     with output_folder.draft_in(alive) as draft:
-        assert bipot_here(*RUN, "--out", "out/d") == 0
+        assert bipot(*RUN, "--out", "out/d", cwd=tmp_path).returncode == 0
         assert draft.is_dir()
         assert strays(alive) == [draft.name]
     assert [strays(tmp_path / "out" / name) for name in "ac"] == [[], []]
@@ -177,30 +168,23 @@ def test_drafts_of_killed_runs_are_removed_by_the_next_run(
 
 @pytest.mark.parametrize("command", ["solve", "sweep"])
 @pytest.mark.slow_variants("sweep")
-def test_other_commands_remove_drafts_too(
-    command: str, tmp_path: Path, bipot_here: Callable[..., int]
-) -> None:
-    dead = tmp_path / "here" / ".bipot-dead"
-    dead.mkdir(parents=True)
-    (dead / ".bipot-draft").touch()
+def test_other_commands_remove_drafts_too(command: str, tmp_path: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    row = tmp_path / "here" / "rows" / "0001"
-    row.mkdir(parents=True)
-    (tmp_path / "here" / f".sweep.{gone.pid}.csv").touch()
-    (row / f".result.{gone.pid}.h5").touch()
-    (tmp_path / "here" / f".notes.{gone.pid}.csv").touch()
-    (tmp_path / "here" / f".sweep.{os.getpid()}.json").touch()
-    if command == "solve":
-        mmwrite(tmp_path / "K.mtx", sparse.identity(2, format="coo"))
-        (tmp_path / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
-        arguments = ("solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv")
-    else:
-        arguments = ("sweep", "pressed_block", "--set", "mesh.n=2", "--jobs", "1")
-    assert bipot_here(*arguments, "--out", "here") == 0
-    assert not list(tmp_path.rglob("*/.result.*"))
+    here = tmp_path / "here"
     mine = {f".notes.{gone.pid}.csv", f".sweep.{os.getpid()}.json"}
-    assert set(strays(tmp_path / "here")) == mine
+    (here / ".bipot-dead").mkdir(parents=True)
+    (here / "rows" / "0001").mkdir(parents=True)
+    dead = f".sweep.{gone.pid}.csv", f"rows/0001/.result.{gone.pid}.h5"
+    for name in (".bipot-dead/.bipot-draft", *dead, *mine):
+        (here / name).touch()
+    if command == "solve":
+        arguments = of_dofs(tmp_path, np.eye(2), ONE_CONTACT)
+    else:
+        arguments = ["sweep", "pressed_block", "--set", "mesh.n=2", "--jobs", "1"]
+    assert bipot(*arguments, "--out", "here", cwd=tmp_path).returncode == 0
+    assert not list(tmp_path.rglob("*/.result.*"))
+    assert set(strays(here)) == mine
 
 
 def test_a_draft_that_another_run_removed_is_made_again(
@@ -232,13 +216,8 @@ def test_files_after_a_full_disk(before: bool, tmp_path: Path) -> None:
     """The output names the files that are there, and the run they belong to."""
     if before:
         assert bipot(*RUN, cwd=tmp_path).returncode == 0
-
-    def fault(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    run = bipot_with(
-        fault, "bipot_rs.fem.paraview:write_bodies", *RUN[:-1], cwd=tmp_path
-    )
+    at = "bipot_rs.fem.paraview:write_bodies"
+    run = bipot_with(disk_is_full, at, *RUN[:-1], cwd=tmp_path)
     assert run.returncode == 2
     last = run.stdout.splitlines()[-1]
     of = "; its files are from an earlier run" if before else ""
@@ -246,71 +225,56 @@ def test_files_after_a_full_disk(before: bool, tmp_path: Path) -> None:
     assert "bipot: cannot write here/" in run.stderr
 
 
-def one_contact(folder: Path) -> tuple[str, ...]:
-    """Write the files of a small problem for `bipot solve`; returns the command."""
-    mmwrite(folder / "K.mtx", sparse.identity(2, format="coo"))
-    (folder / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
-    return "solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"
+def disk_is_full(path: Any, *_: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
-def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
-    command = one_contact(tmp_path)
-    for name, reason in (
-        ("steps.csv", "files written before: result.h5"),
+ONE_CONTACT = "dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "earlier"),
+    [
+        ("steps.csv", "csv_tables:write", "result.h5"),
         (
             "displacements.csv",
-            "files written before: result.h5, steps.csv, reactions.csv",
+            "csv_tables:write",
+            "result.h5, steps.csv, reactions.csv",
         ),
-        ("result.h5", "files written before: none"),
-    ):
+        ("result.h5", "export:write_result", "none"),
+    ],
+)
+def test_files_of_solve_after_a_full_disk(
+    name: str, at: str, earlier: str, tmp_path: Path
+) -> None:
+    command = of_dofs(tmp_path, np.eye(2), ONE_CONTACT)
 
-        def fault(path: Any, *_: object, name: str = name) -> None:
-            if Path(path).name == name:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+    def fault(path: Any, *_: object) -> None:
+        if Path(path).name == name:
+            disk_is_full(path)
 
-        at = (
-            "files.export:write_result"
-            if name == "result.h5"
-            else "files.csv_tables:write"
-        )
-        run = bipot_with(fault, f"bipot_rs.{at}", *command, cwd=tmp_path)
-        assert run.returncode == 2
-        assert run.stderr.splitlines()[-1].endswith(f"; {reason}"), run.stderr
-        last = bipot_with(fault, f"bipot_rs.{at}", *command, "--json", cwd=tmp_path)
-        assert json.loads(last.stdout.splitlines()[-1])["message"].endswith(reason)
+    run = bipot_with(fault, f"bipot_rs.files.{at}", *command, "--json", cwd=tmp_path)
+    assert run.returncode == 2
+    message = json.loads(run.stdout.splitlines()[-1])["message"]
+    assert message.endswith(f"; files written before: {earlier}")
 
 
 @pytest.mark.parametrize("name", ["run", "solve"])
 def test_a_full_disk_after_a_signal_is_reported(name: str, tmp_path: Path) -> None:
     """The status is that of the signal; the message says that files are missing."""
-    command = RUN[:-1] if name == "run" else one_contact(tmp_path)
+    solve = of_dofs(tmp_path, np.eye(2), ONE_CONTACT)
+    command = RUN[:-1] if name == "run" else solve
 
     def fault(path: Any, *_: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        disk_is_full(path)
 
-    run = bipot_with(
-        fault, "bipot_rs.files.export:write_result", *command, cwd=tmp_path
-    )
+    at = "bipot_rs.files.export:write_result"
+    run = bipot_with(fault, at, *command, cwd=tmp_path)
     assert run.returncode == 130
     last = run.stderr.splitlines()[-1]
     assert last.startswith("bipot: interrupted; "), run.stderr
     assert os.strerror(errno.ENOSPC) in last
-
-
-def test_killed_under_result_save(tmp_path: Path) -> None:
-    problem, load = bar_problem()
-    path = tmp_path / "a.h5"
-    problem.solve(load).save(path)
-    before = path.read_bytes()
-
-    def save() -> None:
-        export.os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
-        problem.solve(load / 2).save(path)
-
-    assert forked(save).returncode == -signal.SIGKILL
-    assert path.read_bytes() == before
-    assert bp.load(path).success
 
 
 def test_two_runs_at_once_leave_each_other_alone(tmp_path: Path) -> None:
@@ -327,22 +291,19 @@ def test_two_runs_at_once_leave_each_other_alone(tmp_path: Path) -> None:
     assert bp.load(tmp_path / "here" / "result.h5").success
 
 
-@pytest.mark.parametrize("name", ["result.h5", "result.pvd", "steps.csv"])
-def test_a_folder_with_the_name_of_a_file_is_found_before_the_work(
+@pytest.mark.parametrize("name", ["result.h5", "result.pvd", "steps.csv", "/proc/here"])
+def test_a_folder_that_cannot_be_written_is_found_before_the_work(
     name: str, tmp_path: Path
 ) -> None:
-    (tmp_path / "here" / name).mkdir(parents=True)
-    run = bipot(*RUN, cwd=tmp_path)
+    """A folder has the name of a file, or the system refuses it."""
+    folder = "here"
+    if name.startswith("/"):
+        folder = name
+    else:
+        (tmp_path / "here" / name).mkdir(parents=True)
+    run = bipot(*RUN, "--out", folder, cwd=tmp_path)
     assert (run.returncode, run.stderr) == (2, "")
     (last,) = map(json.loads, run.stdout.splitlines())
-    assert "cannot write to the folder here" in last["message"]
+    assert f"cannot write to the folder {folder}" in last["message"]
     assert last["seconds"]["mesh"] == 0
-    assert [path.name for path in (tmp_path / "here").iterdir()] == [name]
-
-
-def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
-    run = bipot(*RUN, "--out", "/proc/here", cwd=tmp_path)
-    assert run.returncode == 2
-    (last,) = map(json.loads, run.stdout.splitlines())
-    assert "cannot write to the folder /proc/here" in last["message"]
-    assert last["seconds"]["mesh"] == 0
+    assert [path.name for path in tmp_path.glob("here/*")] == [name][: folder == "here"]

@@ -1,6 +1,5 @@
 """`mpirun -n N bipot run --engine petsc`: its answers, its files, and how it ends."""
 
-import json
 import os
 import re
 import signal
@@ -8,6 +7,7 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -20,6 +20,7 @@ from bipot_rs.cli.run.output_folder import RESULT, UNFINISHED
 from support import many_ranks
 from support.children import strays
 from support.many_ranks import Run, bipot
+from support.runs import FILES
 
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
 CLOSE = 1e-10
@@ -43,15 +44,22 @@ Step.make_whole = at
 """
 
 
-def alone(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def alone(*arguments: str, cwd: Path) -> None:
     """`bipot` without `mpirun`: a program of its own, which shares no thread with the tests."""
-    return subprocess.run(
-        [sys.executable, "-m", "bipot_rs", *arguments],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    command = [sys.executable, "-m", "bipot_rs", *arguments]
+    subprocess.run(command, cwd=cwd, capture_output=True, timeout=120, check=True)
+
+
+def both(ranks: int, *run: str, cwd: Path) -> tuple[bp.Result, bp.Result]:
+    """The results of the direct engine, in ``one``, and of ranks, in ``here``."""
+    run = ("run", *run, "--tol", "1e-12", "--json")
+    # First, because it is skipped without PETSc.
+    done = bipot(ranks, *run, *PETSC, cwd=cwd)
+    assert done.status == 0, done.output + done.errors
+    alone(*run, "--engine", "direct", "--out", "one", cwd=cwd)
+    single, several = (bp.load(cwd / name / RESULT) for name in ("one", "here"))
+    assert np.array_equal(several.status, single.status)
+    return single, several
 
 
 def changed(found: np.ndarray, expected: np.ndarray) -> float:
@@ -76,6 +84,7 @@ x = {{ from = 0.0, to = 4.0, cells = 4 }}
 y = {{ from = 0.0, to = 3.0, cells = 3 }}
 z = {{ from = 0.0, to = 2.0, cells = 2 }}
 """
+CUBES = BOX.format(cell="hexahedron", order=1)
 SHEARED = """
 [[support]]
 on = "block.top"
@@ -142,11 +151,11 @@ parameter = "pull"
 pull = [0.0, 1.0]
 """
 SCENES = {
-    "block": BOX.format(cell="hexahedron", order=1) + SHEARED + ON_A_PLANE,
+    "block": CUBES + SHEARED + ON_A_PLANE,
     "tetrahedra": BOX.format(cell="tetrahedron", order=1) + SHEARED + ON_A_PLANE,
     "order 2": BOX.format(cell="hexahedron", order=2) + SHEARED + ON_A_PLANE,
-    "moving obstacle": BOX.format(cell="hexahedron", order=1) + SHEARED + MOVING,
-    "springs and loads": BOX.format(cell="hexahedron", order=1)
+    "moving obstacle": CUBES + SHEARED + MOVING,
+    "springs and loads": CUBES
     + SHEARED.replace("y = 0.0\nz = -0.001\n", "")
     + ON_A_PLANE
     + '[[spring]]\non = "block.left"\nnormal = 2e5\ntangential = 1e5\n'
@@ -155,14 +164,14 @@ SCENES = {
     + '[[strain]]\non = "block"\nexpansion = 1e-5\ntemperature = 10.0\n',
     "axisymmetric": SHRUNK,
     # Nodes of an edge have two contacts.
-    "shared nodes": BOX.format(cell="hexahedron", order=1)
+    "shared nodes": CUBES
     + SHEARED
     + ON_A_PLANE
     + ON_A_PLANE.replace("bottom", "left").replace(
         "[0.0, 0.0, 1.0]", "[1.0, 0.0, 0.0]"
     ),
     # In step 2 the second bolt pulls at the first, whose shortening is locked.
-    "bolts": BOX.format(cell="hexahedron", order=1)
+    "bolts": CUBES
     + ON_A_PLANE.replace("bottom", "right").replace(
         "[0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0]",
         "[4.0, 0.0, 0.0], normal = [1.0, 0.0, 0.0]",
@@ -177,19 +186,19 @@ SCENES = {
     + '[[traction]]\non = "block.top"\ny = { value = 4.0, amplitude = "shear" }\n'
     + '[path]\nparameter = "shear"\n[path.amplitude]\nshear = [0.0, 0.0, 0.5, 1.0]\n',
     # Contact nodes of an edge are held along a tangent, and contact alone holds the block.
-    "held edge": BOX.format(cell="hexahedron", order=1)
+    "held edge": CUBES
     + ON_A_PLANE
     + '[[support]]\non = "block.left"\ny = 0.0\n[[traction]]\non = "block.top"\nz = -80.0\n'
     + 'x = { value = 20.0, amplitude = "shear" }\n[path]\nparameter = "shear"\n'
     + "[path.amplitude]\nshear = [0.0, 0.6, 1.0]\n",
-    "remote point": BOX.format(cell="hexahedron", order=1)
+    "remote point": CUBES
     + SHEARED.replace("[[support]]\non", "[remote.top]\non").replace(
         'x = { value = 0.002, amplitude = "shear" }\ny = 0.0\nz = -0.001\n',
         'move.x = { value = 0.002, amplitude = "shear" }\nmove.y = 0.0\nturn.x = 0.0\n'
         "force.z = -600.0\n",
     )
     + ON_A_PLANE,
-    "adaptive": BOX.format(cell="hexahedron", order=1)
+    "adaptive": CUBES
     + SHEARED.replace(
         'parameter = "shear"', 'parameter = "shear"\nautomatic = {slip=4e-4}'
     )
@@ -198,25 +207,11 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.quick_variants("moving obstacle", "springs and loads")
 @pytest.mark.quick_variants("moving obstacle")
 def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> None:
-    file = scene(tmp_path, SCENES[name])
-    run = ("run", file, "--tol", "1e-12", "--json")
-    assert (
-        alone(*run, "--engine", "direct", "--out", "one", cwd=tmp_path).returncode == 0
-    )
-    done = bipot(3, *run, *PETSC, cwd=tmp_path)
-    assert done.status == 0, done.errors
-    single, several = (
-        bp.load(tmp_path / "one" / RESULT),
-        bp.load(tmp_path / "here" / RESULT),
-    )
-    assert np.array_equal(several.status, single.status)
+    single, several = both(3, scene(tmp_path, SCENES[name]), cwd=tmp_path)
     arrays = ["displacement", "relative_displacement", "reaction"]
-    if (
-        name == "shared nodes"
-    ):  # two contacts of a node that stick share its force anyhow
+    if name == "shared nodes":  # two contacts that stick share their force anyhow
         arrays.remove("reaction")
     for array in arrays:
         assert changed(getattr(several, array), getattr(single, array)) <= CLOSE, array
@@ -237,28 +232,18 @@ def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("name", "more"),
+    "run",
     [
-        ("two_blocks", ("--set", "mesh.n=4")),
-        ("two_blocks", ("--set", "mesh.n=4", "--set", "contact.0.pairing=mortar")),
-        ("raous_plate", ("--set", "mesh.n=8")),
-        ("twisted_pad", ()),
+        ("two_blocks", "--set", "mesh.n=4"),
+        ("two_blocks", "--set", "mesh.n=4", "--set", "contact.0.pairing=mortar"),
+        ("raous_plate", "--set", "mesh.n=8"),
+        ("twisted_pad",),
     ],
     ids=["two blocks", "mortar", "plane", "rigid set"],
 )
 @pytest.mark.quick_variants("mortar")
-def test_shipped_scenes(name: str, more: tuple[str, ...], tmp_path: Path) -> None:
-    run = ("run", name, *more, "--tol", "1e-12", "--json")
-    assert (
-        alone(*run, "--engine", "direct", "--out", "one", cwd=tmp_path).returncode == 0
-    )
-    done = bipot(2, *run, *PETSC, cwd=tmp_path)
-    assert done.status == 0, done.output + done.errors
-    single, several = (
-        bp.load(tmp_path / "one" / RESULT),
-        bp.load(tmp_path / "here" / RESULT),
-    )
-    assert np.array_equal(several.status, single.status)
+def test_shipped_scenes(run: tuple[str, ...], tmp_path: Path) -> None:
+    single, several = both(2, *run, cwd=tmp_path)
     assert changed(several.reaction, single.reaction) <= CLOSE
 
 
@@ -281,110 +266,85 @@ def test_a_small_scene_is_factored_on_the_first_rank(
 
 
 def test_files_of_a_run(tmp_path: Path) -> None:
-    done = bipot(
-        2, "run", "two_blocks", "--set", "mesh.n=4", *PETSC, "--plot", cwd=tmp_path
-    )
+    run = ("run", "two_blocks", "--set", "mesh.n=4")
+    done = bipot(2, *run, *PETSC, "--plot", cwd=tmp_path)
     assert done.status == 0, done.errors
     here = tmp_path / "here"
+    steps = {f"result_{k:04d}_{r:04d}.vtu" for k in range(2) for r in range(2)}
+    for k in range(2):
+        steps |= {f"result_{k:04d}.pvtu", f"contact_{k:04d}.vtu"}
     names = {path.name for path in here.iterdir()}
-    parts = {f"result_{k:04d}_{r:04d}.vtu" for k in range(2) for r in range(2)}
-    pvtu = {f"result_{k:04d}.pvtu" for k in range(2)}
-    contacts = {f"contact_{k:04d}.vtu" for k in range(2)}
-    tables = {RESULT, "result.vtkhdf", "steps.csv", "result.pvd", "contact.pvd"}
-    tables.add("tractions.png")
-    assert names == parts | pvtu | contacts | tables
+    assert names == FILES | steps | {"tractions.png"}
     # The table, the progress and the names of the files appear once.
     assert done.output.count("solved: 2 load steps") == 1
     assert done.errors.count("load step 2 of 2") == 1
     assert "2 ranks" in done.errors
-    with (here / "steps.csv").open() as file:
-        assert len(file.readlines()) == 3
+    assert len((here / "steps.csv").read_text().splitlines()) == 3
 
 
 @pytest.mark.slow
 def test_parts_for_paraview_are_the_bodies(tmp_path: Path) -> None:
     """The pieces have the cells and fields of the file that one process writes."""
-    run = ("run", "two_blocks", "--set", "mesh.n=4", "--tol", "1e-12")
-    assert (
-        alone(*run, "--engine", "direct", "--out", "one", cwd=tmp_path).returncode == 0
-    )
-    assert bipot(3, *run, *PETSC, cwd=tmp_path).status == 0
+    both(3, "two_blocks", "--set", "mesh.n=4", cwd=tmp_path)
     here = tmp_path / "here"
     index = ET.parse(here / "result.pvd").getroot()
     steps = [item.attrib["file"] for item in index.iter("DataSet")]
     assert steps == ["result_0000.pvtu", "result_0001.pvtu"]
     # The load of the scene, as in the index that one process writes.
     for name in ("result.pvd", "contact.pvd"):
-        of_one = ET.parse(tmp_path / "one" / name).getroot().iter("DataSet")
-        of_all = ET.parse(here / name).getroot().iter("DataSet")
-        assert [a.attrib["timestep"] for a in of_all] == ["0", "1"]
-        assert [a.attrib["timestep"] for a in of_one] == ["0", "1"]
+        for folder in (here, tmp_path / "one"):
+            sets = ET.parse(folder / name).getroot().iter("DataSet")
+            assert [a.attrib["timestep"] for a in sets] == ["0", "1"]
     for k, name in enumerate(steps):
         whole = meshio.read(tmp_path / "one" / f"result_{k:04d}.vtu")
         listing = ET.parse(here / name).getroot()
         assert listing.attrib["type"] == "PUnstructuredGrid"
-        pieces = [entry.attrib["Source"] for entry in listing.iter("Piece")]
-        assert len(pieces) == 3
-        pieces_read = [meshio.read(here / piece) for piece in pieces]
-        for piece in pieces_read:
+        files = [here / entry.attrib["Source"] for entry in listing.iter("Piece")]
+        assert len(files) == 3
+        listed = {
+            place: [a.attrib for a in listing.find(f".//P{place}")]
+            for place in ("PointData", "CellData")
+        }
+        assert {a["Name"] for a in listed["PointData"]} == set(whole.point_data)
+        assert {a["Name"] for a in listed["CellData"]} == set(whole.cell_data)
+        pieces = [meshio.read(file) for file in files]
+        for file, piece in zip(files, pieces, strict=True):
             assert piece.field_data.keys() == {"load", "time", "units"}
             for about, value in whole.field_data.items():
                 np.testing.assert_array_equal(piece.field_data[about], value)
-        of_points = [a.attrib for a in listing.find(".//PPointData")]
-        of_cells = [a.attrib for a in listing.find(".//PCellData")]
-        assert {a["Name"] for a in of_points} == set(whole.point_data)
-        assert {a["Name"] for a in of_cells} == set(whole.cell_data)
-        for piece in pieces:
             # Types and numbers of components are those of the listing.
-            tree = ET.parse(here / piece).getroot()
-            for place, listed in (("PointData", of_points), ("CellData", of_cells)):
+            tree = ET.parse(file).getroot()
+            for place, expected in listed.items():
                 arrays = [a.attrib for a in tree.find(f".//{place}")]
-                for mine, theirs in zip(arrays, listed, strict=True):
+                for mine, theirs in zip(arrays, expected, strict=True):
                     assert {key: mine[key] for key in theirs} == theirs
-        assert sum(map(cells, pieces_read)) == cells(whole)
-        assert all(cells(piece) for piece in pieces_read)
-        compare(whole, pieces_read)
+            assert cells(piece)
+            compare(whole, piece)
+        assert sum(map(cells, pieces)) == cells(whole)
 
 
 def cells(mesh: meshio.Mesh) -> int:
     return sum(len(block.data) for block in mesh.cells)
 
 
-def centres(mesh: meshio.Mesh) -> np.ndarray:
-    return np.concatenate(
-        [mesh.points[block.data].mean(axis=1) for block in mesh.cells]
-    )
+def fields(mesh: meshio.Mesh) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, places and values of each field, at nodes and in the middle of cells."""
+    for name, field in mesh.point_data.items():
+        yield f"points {name}", mesh.points, field
+    middles = [mesh.points[block.data].mean(axis=1) for block in mesh.cells]
+    for name, field in mesh.cell_data.items():
+        yield f"cells {name}", np.concatenate(middles), np.concatenate(field)
 
 
-def compare(whole: meshio.Mesh, pieces: list[meshio.Mesh]) -> None:
+def compare(whole: meshio.Mesh, piece: meshio.Mesh) -> None:
     """Fields by position; two bodies may have nodes in one place, with other fields."""
-    for name, field in whole.cell_data.items():
-        values_at_places = by_place(centres(whole), np.concatenate(field))
-        for piece in pieces:
-            for place, value in zip(
-                centres(piece), np.concatenate(piece.cell_data[name]), strict=True
-            ):
-                expected = values_at_places[key(place)]
-                scale = np.abs(np.concatenate(field)).max()
-                assert min(np.abs(value - e).max() for e in expected) <= 1e-8 * scale
-    for name, field in whole.point_data.items():
-        values_at_places = by_place(whole.points, field)
-        scale = max(float(np.abs(field).max()), 1e-300)
-        for piece in pieces:
-            for place, value in zip(piece.points, piece.point_data[name], strict=True):
-                expected = values_at_places[key(place)]
-                assert min(np.abs(value - e).max() for e in expected) <= 1e-8 * scale
-
-
-def key(place: np.ndarray) -> tuple[float, ...]:
-    return tuple(np.round(place, 6) + 0.0)
-
-
-def by_place(places: np.ndarray, values: np.ndarray) -> dict[tuple[float, ...], list]:
-    values_at_places: dict[tuple[float, ...], list] = {}
-    for place, value in zip(places, values, strict=True):
-        values_at_places.setdefault(key(place), []).append(value)
-    return values_at_places
+    expected = {name: (places, values) for name, places, values in fields(whole)}
+    for name, places, values in fields(piece):
+        there, known = expected[name]
+        scale = max(float(np.abs(known).max()), 1e-300)
+        for place, value in zip(places, values, strict=True):
+            same = known[np.abs(there - place).max(axis=1) < 1e-6]
+            assert min(np.abs(value - e).max() for e in same) <= 1e-8 * scale, name
 
 
 def test_json_is_printed_once(tmp_path: Path) -> None:
@@ -417,6 +377,18 @@ def test_the_engine_of_a_scene(tmp_path: Path) -> None:
     assert len(done.lines) == 4
 
 
+# Kills a rank in the fourth load step.
+KILL = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
+
+
+def ends_whole(folder: Path, *run: str) -> None:
+    """The run continues to its last load step, and leaves no draft."""
+    done = bipot(2, *run, "--resume", cwd=folder)
+    assert done.status == 0, done.errors
+    assert len(bp.load(folder / "here" / RESULT)) == 6
+    assert strays(folder / "here") == []
+
+
 def three(path: Path, at: int) -> None:
     """The file has the steps before the fourth, in which rank ``at`` fails.
 
@@ -439,18 +411,14 @@ def soon(done: Run, status: int, *words: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (("run", "nothing", *PETSC), 2, "nothing"),
-        (("run", "sheared_cube", "--set", "mesh.n=x", *PETSC), 2, "mesh.n"),
-        (("run", "sheared_cube", "--method", "uzawa", *PETSC), 2, "engine='petsc'"),
-        (("run", "sheared_cube", "--fclib", *PETSC), 2, "--fclib"),
-        (("run", "sheared_cube", "--error", *PETSC), 2, "--error"),
-        (("run", "sheared_cube", "--tol", "discretisation", *PETSC), 2, "whole K"),
-        (
-            ("run", "sheared_cube", "--engine", "petsc", "--out", "/proc/x"),
-            2,
-            "/proc/x",
-        ),
-        (("run", "sheared_cube", "--set", "solver.max_iterations=1", *PETSC), 3, ""),
+        (("nothing", *PETSC), 2, "nothing"),
+        (("sheared_cube", "--set", "mesh.n=x", *PETSC), 2, "mesh.n"),
+        (("sheared_cube", "--method", "uzawa", *PETSC), 2, "engine='petsc'"),
+        (("sheared_cube", "--fclib", *PETSC), 2, "--fclib"),
+        (("sheared_cube", "--error", *PETSC), 2, "--error"),
+        (("sheared_cube", "--tol", "discretisation", *PETSC), 2, "whole K"),
+        (("sheared_cube", *PETSC[:-1], "/proc/x"), 2, "/proc/x"),
+        (("sheared_cube", "--set", "solver.max_iterations=1", *PETSC), 3, ""),
     ],
 )
 @pytest.mark.quick_variants("*-nothing")
@@ -458,44 +426,42 @@ def test_errors_of_all_ranks(
     arguments: tuple[str, ...], status: int, words: str, tmp_path: Path
 ) -> None:
     """One message, and the status of one process."""
-    done = bipot(2, *arguments, cwd=tmp_path)
+    done = bipot(2, "run", *arguments, cwd=tmp_path)
     soon(done, status, words)
     assert done.errors.count("bipot: ") == 1
     # They are no errors of a rank.
     assert "rank 1 of" not in done.errors
-    again = bipot(2, *arguments, "--json", cwd=tmp_path)
+    again = bipot(2, "run", *arguments, "--json", cwd=tmp_path)
     assert again.status == status
     assert not again.lines[-1]["success"]
     assert sum("success" in line for line in again.lines) == 1
 
 
-def test_a_body_that_nothing_holds(tmp_path: Path) -> None:
-    free = BOX.format(cell="hexahedron", order=1).split("[body.block]")[1]
-    text = SCENES["block"] + "[body.other]" + free
+ROLLS = CUBES + SHEARED + ROLLING
+FORCED = CUBES + SHEARED + MOVING.replace("move =", "force =")
+FREE = SCENES["block"] + "[body.other]" + CUBES.split("[body.block]")[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "status", "words"),
+    [
+        (FREE, 1, "body 'other' can move freely"),
+        (ROLLS, 2, "an obstacle turns, or is curved and moves"),
+        (ROLLS, 2, "use engine='direct' or 'iterative'"),
+        (
+            FORCED,
+            2,
+            "does not support obstacle.table.force: use engine='direct' or 'iterative'",
+        ),
+    ],
+    ids=["free", "frames", "remedy", "loaded obstacle"],
+)
+@pytest.mark.slow_variants("remedy")
+def test_scenes_that_are_refused(
+    text: str, status: int, words: str, tmp_path: Path
+) -> None:
     done = bipot(2, "run", scene(tmp_path, text), *PETSC, cwd=tmp_path)
-    soon(done, 1, "body 'other' can move freely")
-
-
-def test_frames_of_steps_are_refused(tmp_path: Path) -> None:
-    text = BOX.format(cell="hexahedron", order=1) + SHEARED + ROLLING
-    done = bipot(2, "run", scene(tmp_path, text), *PETSC, cwd=tmp_path)
-    soon(
-        done,
-        2,
-        "an obstacle turns, or is curved and moves",
-        "use engine='direct' or 'iterative'",
-    )
-
-
-def test_a_loaded_obstacle_is_refused_by_its_key(tmp_path: Path) -> None:
-    text = BOX.format(cell="hexahedron", order=1) + SHEARED + MOVING
-    file = scene(tmp_path, text.replace("move =", "force ="))
-    done = bipot(2, "run", file, *PETSC, cwd=tmp_path)
-    soon(
-        done,
-        2,
-        "does not support obstacle.table.force: use engine='direct' or 'iterative'",
-    )
+    soon(done, status, words)
 
 
 MESH = """
@@ -519,10 +485,8 @@ def test_a_rank_with_another_file(tmp_path: Path) -> None:
     """As where a file system is not shared."""
     (tmp_path / "other").mkdir()
     scene(tmp_path / "other", SCENES["tetrahedra"])
-    file = scene(tmp_path, SCENES["block"])
-    done = bipot(
-        2, "run", file, *PETSC, cwd=tmp_path, fault="import os; os.chdir('other')"
-    )
+    run = ("run", scene(tmp_path, SCENES["block"]), *PETSC)
+    done = bipot(2, *run, cwd=tmp_path, fault="import os; os.chdir('other')")
     soon(done, 2, "rank 1 of 2", "another scene")
 
 
@@ -573,16 +537,12 @@ def test_a_full_disk_under_the_result(tmp_path: Path) -> None:
 @pytest.mark.slow_variants("0")
 def test_a_killed_rank(rank: int, tmp_path: Path) -> None:
     """The launcher ends the others, and names the rank; complete steps are kept."""
-    fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
-    done = bipot(2, *LONG, cwd=tmp_path, fault=fault, at=rank)
+    done = bipot(2, *LONG, cwd=tmp_path, fault=KILL, at=rank)
     assert done.status != 0
     assert done.seconds <= SOON
     assert "signal 9" in done.errors
     three(tmp_path / "here" / RESULT, rank)
-    again = bipot(2, *LONG, "--resume", cwd=tmp_path)
-    assert again.status == 0
-    assert len(bp.load(tmp_path / "here" / RESULT)) == 6
-    assert strays(tmp_path / "here") == []
+    ends_whole(tmp_path, *LONG)
 
 
 @pytest.mark.parametrize("rank", [0, 1])
@@ -643,7 +603,7 @@ def test_a_signal_to_mpirun(number: signal.Signals, tmp_path: Path) -> None:
     process = many_ranks.started(2, *LONG, cwd=tmp_path, fault=slow)
     result = tmp_path / "here" / RESULT
     deadline = time.monotonic() + 60
-    while not (result.exists() and kept(result) >= 3):
+    while not (result.exists() and len(bp.load(result)) >= 3):
         if time.monotonic() > deadline:
             process.kill()
             raise AssertionError("the run does not reach the third load step")
@@ -653,13 +613,7 @@ def test_a_signal_to_mpirun(number: signal.Signals, tmp_path: Path) -> None:
     assert done.status != 0
     assert done.seconds <= SOON
     three(result, 1)
-    again = bipot(2, *LONG, "--resume", cwd=tmp_path)
-    assert again.status == 0, again.errors
-
-
-def kept(path: Path) -> int:
-    """Load steps in a result, which is whole at any time."""
-    return len(bp.load(path))
+    ends_whole(tmp_path, *LONG)
 
 
 @pytest.mark.slow
@@ -674,15 +628,13 @@ def test_a_signal_to_one_rank(tmp_path: Path) -> None:
 
 def test_resume_gives_the_result_of_one_run(tmp_path: Path) -> None:
     assert bipot(2, *LONG, "--tol", "1e-12", cwd=tmp_path).status == 0
-    whole = bp.load(tmp_path / "here" / RESULT)
-    fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
     other = (*LONG[:-1], "there", "--tol", "1e-12")
-    assert bipot(2, *other, cwd=tmp_path, fault=fault).status != 0
+    assert bipot(2, *other, cwd=tmp_path, fault=KILL).status != 0
     # Another number of ranks continues it.
     done = bipot(3, *other, "--resume", cwd=tmp_path)
     assert done.status == 0, done.errors
     assert re.search("continuing after [34] load steps", done.errors)
-    loaded = bp.load(tmp_path / "there" / RESULT)
+    whole, loaded = (bp.load(tmp_path / name / RESULT) for name in ("here", "there"))
     assert np.array_equal(loaded.status, whole.status)
     assert changed(loaded.reaction, whole.reaction) <= CLOSE
     assert changed(loaded.displacement, whole.displacement) <= CLOSE
@@ -694,21 +646,16 @@ def test_resume_gives_the_result_of_one_run(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_result_of_another_run_stays_until_the_end(tmp_path: Path) -> None:
-    first = alone(
-        "run", "sheared_cube", "--set", "mesh.n=2", "--out", "here", cwd=tmp_path
-    )
-    assert first.returncode == 0
-    before = (tmp_path / "here" / RESULT).read_bytes()
-    fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
-    assert bipot(2, *LONG, cwd=tmp_path, fault=fault).status != 0
-    assert (tmp_path / "here" / RESULT).read_bytes() == before
-    three(tmp_path / "here" / UNFINISHED, 1)
-    done = bipot(2, *LONG, "--resume", cwd=tmp_path)
-    assert done.status == 0, done.errors
-    assert not (tmp_path / "here" / UNFINISHED).exists()
-    assert len(bp.load(tmp_path / "here" / RESULT)) == 6
+    here = tmp_path / "here"
+    alone("run", "sheared_cube", "--set", "mesh.n=2", "--out", "here", cwd=tmp_path)
+    before = (here / RESULT).read_bytes()
+    assert bipot(2, *LONG, cwd=tmp_path, fault=KILL).status != 0
+    assert (here / RESULT).read_bytes() == before
+    three(here / UNFINISHED, 1)
+    ends_whole(tmp_path, *LONG)
+    assert not (here / UNFINISHED).exists()
     # The files of one process, with which the folder began, are gone.
-    names = {path.name for path in (tmp_path / "here").iterdir()}
+    names = [path.name for path in here.iterdir()]
     assert not [name for name in names if re.fullmatch(r"result_\d{4}\.vtu", name)]
 
 
@@ -718,10 +665,3 @@ def test_mpirun_without_the_engine(tmp_path: Path) -> None:
     done = bipot(2, *run, cwd=tmp_path)
     assert done.status == 0
     assert "--engine petsc would share it" in done.errors
-
-
-@pytest.mark.slow
-def test_json_of_a_message_is_one_object(tmp_path: Path) -> None:
-    done = bipot(2, "run", "nothing", *PETSC, "--json", cwd=tmp_path)
-    assert done.status == 2
-    assert len(json.loads(done.output)) >= 3

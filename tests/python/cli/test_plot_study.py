@@ -74,31 +74,25 @@ def test_a_series_for_each_value_of_another_key(bipot: Bipot, drawn: list[Any]) 
     assert Path("here/max_pressure_over_mu.png").stat().st_size > 10_000
     (ax,) = drawn
     # Solved rows are sorted by x and connected; the row that ended early is a cross.
-    expected = [[(0.2, 0.2 * n), (0.3, 0.3 * n)] for n in (4, 8)]
-    assert np.array(points(ax, SOLVED)) == pytest.approx(np.array(expected))
-    assert np.array(points(ax, "x")) == pytest.approx(
-        np.array([[(0.1, 0.1 * n)] for n in (4, 8)])
-    )
+    for marks, values in ((SOLVED, (0.2, 0.3)), ("x", (0.1,))):
+        exact = np.array([[(mu, mu * n) for mu in values] for n in (4, 8)])
+        assert np.array(points(ax, marks)) == pytest.approx(exact)
     legend = ax.get_legend()
     # In grey the colours of series are alike.
     assert [line.get_marker() for line in legend.get_lines()] == ["o", "s", "x"]
     assert legend.get_title().get_text() == "mesh.n"
-    assert [text.get_text() for text in legend.get_texts()] == [
-        *("4", "8"),
-        "not solved to the end: last solved load step",
-    ]
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert texts == ["4", "8", "not solved to the end: last solved load step"]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("contact.0.mu", "max pressure [MPa]")
     assert ax.figure.get_suptitle() == "A title\n2 of 8 rows without value"
-    assert errors == (
-        "bipot: left out, without contact.0.mu or max_pressure of a.b: row 4, 8 (lost)\n"
-    )
+    left_out = "contact.0.mu or max_pressure of a.b: row 4, 8 (lost)"
+    assert errors == f"bipot: left out, without {left_out}\n"
 
 
 def test_many_values_have_a_colour_bar(bipot: Bipot, drawn: list[Any]) -> None:
     made(Path("here"), tuple(range(2, 10)))
-    bipot(
-        "plot", "here/sweep.csv", "--x", "mu", "--y", "max_pressure", "--out", "it.pdf"
-    )
+    asked = ("--x", "mu", "--y", "max_pressure", "--out", "it.pdf")
+    assert bipot("plot", "here/sweep.csv", *asked)[0] == 0
     assert Path("it.pdf").exists()
     (ax,) = drawn
     assert len(points(ax, SOLVED)) == 8
@@ -130,35 +124,24 @@ def test_figures_over_figures_are_not_connected(bipot: Bipot, drawn: list[Any]) 
     assert ax.get_ylabel() == "time [s]"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (
-            ("--x", "mu", "--y", "max_presure"),
-            "--y is 'max_presure', expected one of row",
-        ),
-        (("--x", "mu", "--y", "max_presure"), "did you mean 'max_pressure'?"),
+def test_wrong_arguments(bipot: Bipot) -> None:
+    made(Path("here"))
+    x = ("--x", "mu")
+    for words, why in (
+        ((*x, "--y", "max_presure"), "--y is 'max_presure', expected one of row"),
+        ((*x, "--y", "max_presure"), "did you mean 'max_pressure'?"),
         (("--x", "Mu", "--y", "steps"), "did you mean 'mu'?"),
         (("--x", "contact.0.mo", "--y", "steps"), "did you mean 'contact.0.mu'?"),
-        (
-            ("--x", "mu", "--y", "outcome"),
-            "--y is 'outcome', which is a column without",
-        ),
-        (
-            ("--x", "mu", "--y", "residual"),
-            "no row with both contact.0.mu and residual",
-        ),
+        ((*x, "--y", "outcome"), "--y is 'outcome', which is a column without"),
+        ((*x, "--y", "residual"), "no row with both contact.0.mu and residual"),
         (("--y", "steps"), "choose what to draw with --x and --y, of row, mesh.n"),
-        (("--x", "mu", "--y", "steps", "--kind", "slip"), "there is no option --kind"),
-        (("--x", "mu", "--y", "steps", "--step", "1"), "there is no option --step"),
-        (("--x", "mu", "--y", "steps", "--out", "it.abc"), "cannot draw it.abc"),
-    ],
-)
-def test_wrong_arguments(arguments: tuple[str, ...], why: str, bipot: Bipot) -> None:
-    made(Path("here"))
-    status, output, errors = bipot("plot", "here", *arguments)
-    assert (status, output) == (2, "")
-    assert why in errors
+        ((*x, "--y", "steps", "--kind", "slip"), "there is no option --kind"),
+        ((*x, "--y", "steps", "--step", "1"), "there is no option --step"),
+        ((*x, "--y", "steps", "--out", "it.abc"), "cannot draw it.abc"),
+    ):
+        status, output, errors = bipot("plot", "here", *words)
+        assert (status, output) == (2, "")
+        assert why in errors
     assert not list(Path().rglob("*.png"))
 
 

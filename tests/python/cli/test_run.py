@@ -1,38 +1,33 @@
 """`bipot run` in a subprocess: output, files and exit status."""
 
 import csv
-import json
 import re
-import signal
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import h5py
-import numpy as np
 import pytest
 
 import bipot_rs as bp
 from bipot_rs.files import export
 from support.runs import BIPOT, FILES, LAST_LINE, bipot, lines
 
+CUBE = ("run", "sheared_cube", "--set", "mesh.n=3")
 
-def scene_file(folder: Path, changes: Sequence[tuple[str, str]] = ()) -> Path:
-    """The pressed block, coarse, with some of its text replaced."""
-    text = subprocess.run(
-        [*BIPOT, "scenes", "pressed_block"], capture_output=True, text=True, check=True
-    ).stdout
-    for old, new in (("n = 32", "n = 4"), *changes):
-        assert old in text
-        text = text.replace(old, new)
-    path = folder / "block.toml"
-    path.write_text(text)
-    return path
+
+@pytest.fixture(scope="module")
+def cube(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dict[str, Any]], Path]:
+    """What a run prints with --json, and its files."""
+    cwd = tmp_path_factory.mktemp("cube")
+    run = bipot(*CUBE, "--out", "here", "--json", cwd=cwd)
+    assert run.stderr == ""
+    return lines(run.stdout), cwd / "here"
 
 
 def test_run_writes_table_and_files(tmp_path: Path) -> None:
-    run = bipot("run", "sheared_cube", "--set", "mesh.n=3", "--plot", cwd=tmp_path)
+    run = bipot(*CUBE, "--plot", cwd=tmp_path)
     out = tmp_path / "out" / "sheared_cube"
     series = {f"{s}_000{k}.vtu" for s in ("result", "contact") for k in (0, 1)}
     assert {p.name for p in out.iterdir()} == FILES | series | {"tractions.png"}
@@ -44,24 +39,20 @@ def test_run_writes_table_and_files(tmp_path: Path) -> None:
 
 
 def test_a_sine_that_returns_to_zero_is_shown_as_zero(tmp_path: Path) -> None:
-    run = bipot("run", "cyclic_cube", "--set", "mesh.n=3", cwd=tmp_path)
+    run = bipot("run", "cyclic_cube", "--set", "mesh.n=1", cwd=tmp_path)
     loads = re.findall(r"^load step \d+ of 41: load ([^,]+),", run.stderr, re.M)
     assert [loads[k] for k in (0, 10, 20, 30, 40)] == ["0"] * 5
     assert loads[5] == "1"
 
 
-def test_json_lines(tmp_path: Path) -> None:
-    run = bipot("run", "sheared_cube", "--set=mesh.n=3", "--json", cwd=tmp_path)
-    *steps, last = lines(run.stdout)
-    assert run.stderr == ""
+def test_json_lines(cube: Any, tmp_path: Path) -> None:
+    (*steps, last), folder = cube
     assert [step["step"] for step in steps] == [0, 1]
     assert [step["load"] for step in steps] == [0.0, 1.0]
-    assert steps[0].keys() == {
-        *("step", "load", "open", "slip", "stick"),
-        *("residual", "iterations", "seconds", "forces"),
-    }
+    keys = "step load open slip stick residual iterations seconds forces"
+    assert steps[0].keys() == set(keys.split())
     # The same numbers as in the table of the run.
-    with (tmp_path / "out/sheared_cube/steps.csv").open(newline="") as file:
+    with (folder / "steps.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     for step, row in zip(steps, rows, strict=True):
         assert list(step["forces"]) == ["cube.bottom"]
@@ -79,30 +70,30 @@ def test_json_lines(tmp_path: Path) -> None:
     parts = sum(last["seconds"][phase] for phase in phases[:-1])
     assert 0 < parts <= last["seconds"]["total"]
     assert last["peak_mb"] > 10
+    # A loose tolerance and another method have an effect: the run stops there.
+    other = ("--tol", "1e-4", "--method", "uzawa", "--json")
+    *loose, _ = lines(bipot(*CUBE, *other, cwd=tmp_path).stdout)
+    assert 1e-12 < max(step["residual"] for step in loose) <= 1e-4
 
 
-def test_result_file_is_a_result(tmp_path: Path) -> None:
-    bipot("run", "sheared_cube", "--set", "mesh.n=3", "--out", "here", cwd=tmp_path)
-    with h5py.File(tmp_path / "here" / "result.h5") as file:
+def test_result_file_is_a_result(cube: Any) -> None:
+    _, folder = cube
+    with h5py.File(folder / "result.h5") as file:
         assert file.attrs["format"] == "bipot-result"
         assert file.attrs["complete"]
         shapes = {name: data.shape for name, data in file["contacts"].items()}
-        assert shapes == {
+        vectors = dict.fromkeys(("area", "gap", "mu", "surface"), (16,))
+        assert shapes == vectors | {
             "x": (16, 3),
             "normal": (16, 3),
             "frame": (16, 3, 3),
-            "area": (16,),
-            "gap": (16,),
-            "mu": (16,),
-            "surface": (16,),
             "surface_names": (1,),
             "facets": (9, 4),
         }
-        assert {"reaction", "relative_displacement", "slip", "status"} <= set(
-            file["steps/0001"]
-        )
+        fields = {"reaction", "relative_displacement", "slip", "status"}
+        assert fields <= set(file["steps/0001"])
         assert file["steps/0001/load"][()] == 1.0
-    result = bp.load(tmp_path / "here" / "result.h5")
+    result = bp.load(folder / "result.h5")
     assert result.success
     assert result.reaction.shape == (2, 16, 3)
     assert result.displacement.shape == (2, 192)
@@ -116,97 +107,18 @@ def test_result_file_is_a_result(tmp_path: Path) -> None:
 def test_a_later_run_replaces_the_files_of_an_earlier_one(tmp_path: Path) -> None:
     arguments = ("run", "cyclic_cube", "--set", "mesh.n=2", "--out", "here")
     bipot(*arguments, "--plot", cwd=tmp_path)
-    mine = tmp_path / "here" / "notes.txt"
-    mine.write_text("mine")
-    (tmp_path / "here" / "result_old.vtu").write_text("mine too")
+    mine = {"notes.txt", "result_old.vtu"}
+    for name in mine:
+        (tmp_path / "here" / name).write_text("mine")
     one_step = ["--set", "path.steps=1", "--set", "path.amplitude.shear=[0.0]"]
     bipot(*arguments, *one_step, cwd=tmp_path)
     left = {path.name for path in (tmp_path / "here").iterdir()}
-    assert left == FILES | {
-        "result_0000.vtu",
-        "contact_0000.vtu",
-        "notes.txt",
-        "result_old.vtu",
-    }
-
-
-def test_method_and_tolerance(tmp_path: Path) -> None:
-    arguments = ("run", "sheared_cube", "--set", "mesh.n=3", "--json")
-    tight = bipot(*arguments, cwd=tmp_path)
-    loose = bipot(*arguments, "--tol", "1e-4", "--method", "uzawa", cwd=tmp_path)
-    # A loose tolerance has an effect: the run stops there.
-    residual = max(step["residual"] for step in lines(loose.stdout)[:-1])
-    assert 1e-12 < residual <= 1e-4
-    assert lines(tight.stdout)[:-1] != lines(loose.stdout)[:-1]
+    assert left == FILES | {"result_0000.vtu", "contact_0000.vtu"} | mine
 
 
 def test_version(tmp_path: Path) -> None:
     told = bipot("--version", cwd=tmp_path)
     assert (told.stdout, told.stderr) == (f"bipot-rs {bp.__version__}\n", "")
-
-
-def test_forgotten_supports_are_named(tmp_path: Path) -> None:
-    """The message names the body, not a degree of freedom."""
-    bipot("new", "two", "--template", "two_bodies", cwd=tmp_path)
-    text = (tmp_path / "two.toml").read_text()
-    held, _, rest = text.partition("[[support]]")
-    _, contact, path = rest.partition("[[contact]]")
-    pull = '[[traction]]\non = "upper.top"\ny = { value = 1.0, amplitude = "press" }\n'
-    pull += 'x = { value = 1.0, amplitude = "drag" }\n'
-    (tmp_path / "two.toml").write_text(held + pull + contact + path)
-    run = bipot("run", "two.toml", cwd=tmp_path, status=1)
-    message = (
-        "bodies 'upper' and 'lower' can move freely and have no support and no spring"
-    )
-    assert f"bipot: {message}" in run.stderr
-    assert "degree of freedom" not in run.stderr
-
-
-def test_no_answer(tmp_path: Path) -> None:
-    """A block without support that touches the plane in one node: it can roll."""
-    path = scene_file(
-        tmp_path,
-        [
-            (
-                'on = "block.left"\nx = 0.0',
-                'on = "block.left"\nx = 0.0\nwithin = { x = [0.0, 0.0], y = [0.0, 0.0] }',
-            ),
-            ("mu = 1.0", "mu = 1.0\nwithin = { x = [0.0, 0.0] }"),
-        ],
-    )
-    run = bipot("run", str(path), "--json", cwd=tmp_path, status=1)
-    (last,) = lines(run.stdout)
-    assert last.keys() == LAST_LINE
-    assert last["success"] is False
-    assert (
-        "can move freely by rotation about the point (0, 0): add a support"
-        in last["message"]
-    )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["run", "two_blocks", "--set", "mesh.n=9"], "not a whole number of cells"),
-        (["run", "sheared_cube", "--set", "mesh.n=2", "--method", "magic"], "magic"),
-        (["run", "sheared_cube", "--set", "mesh.n=2", "--tol", "-1"], "tol"),
-        (["run", "sheared_cube", "--out", "file/below"], "cannot write to the folder"),
-        (["run"], "SCENE"),
-        (["walk"], "walk"),
-    ],
-)
-def test_bad_input(arguments: list[str], message: str, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    plain = bipot(*arguments, cwd=tmp_path, status=2)
-    assert message in plain.stderr
-    assert plain.stdout == ""
-    if arguments[0] == "run":
-        json_run = bipot(*arguments, "--json", cwd=tmp_path, status=2)
-        (last,) = lines(json_run.stdout)
-        assert last.keys() == LAST_LINE
-        assert last["success"] is False
-        assert message in last["message"]
-        assert json_run.stderr == ""
 
 
 def test_not_converged_keeps_the_earlier_steps(tmp_path: Path) -> None:
@@ -226,52 +138,6 @@ def test_not_converged_keeps_the_earlier_steps(tmp_path: Path) -> None:
     _, written, attributes, _ = export.read_saved(folder / "result.h5")
     assert attributes["complete"] is False
     assert len(written) == len(done) == last["steps"] == 1
-
-
-def test_interrupt_keeps_the_complete_steps(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [*BIPOT, "run", "cyclic_cube", "--set", "mesh.n=7", "--json"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    first = json.loads(process.stdout.readline())
-    assert process.stderr is not None
-    process.send_signal(signal.SIGINT)
-    # `communicate` would lose lines that arrived together with the first.
-    with process.stdout, process.stderr:
-        output, errors = process.stdout.read(), process.stderr.read()
-    assert process.wait(timeout=60) == 130, errors
-    assert "Traceback" not in errors
-    *more, last = lines(output)
-    assert last["success"] is False
-    assert last["message"].startswith("interrupted")
-    assert last["steps"] < 41
-    path = tmp_path / "out" / "cyclic_cube" / "result.h5"
-    _, written, attributes, _ = export.read_saved(path)
-    assert attributes["complete"] is False
-    told = [step["load"] for step in (first, *more)]
-    # The signal may come after a step is stored and before it is printed.
-    assert [step["load"] for step in written][: len(told)] == told
-    assert len(written) - len(told) <= 1
-    assert np.isfinite(written[0]["reaction"]).all()
-
-
-def test_help_is_quick_to_import(tmp_path: Path) -> None:
-    """No large library is imported to print a help text."""
-    code = (
-        "import sys; from bipot_rs.cli.entry import call; call(['--help']); "
-        "print(sorted({'scipy', 'skfem', 'matplotlib', 'h5py', 'meshio', 'pydantic'}"
-        " & set(sys.modules)), file=sys.stderr)"
-    )
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
-    )
-    assert run.returncode == 0
-    assert "run" in run.stdout
-    assert run.stderr.strip() == "[]"
 
 
 @pytest.mark.slow

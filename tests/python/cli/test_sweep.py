@@ -4,21 +4,20 @@ import csv
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from bipot_rs.cli.entry import call
 from bipot_rs.cli.study.folder import write as write_table
 from bipot_rs.cli.study.plan import list_rows, space_values, values
 from bipot_rs.cli.study.workers import Workers
 from support.pushed_study import interrupt_sweep
 
-BIPOT = [sys.executable, "-m", "bipot_rs"]
+Bipot = Callable[..., tuple[int, str, str]]
 SWEEP = ("sweep", "sheared_cube", "--set", "mesh.n=3")
 
 
@@ -28,10 +27,13 @@ def table(folder: Path) -> list[dict[str, str]]:
 
 
 def test_values_of_a_setting() -> None:
-    assert values("mesh.n=4,8") == ("mesh.n", ["4", "8"])
-    assert values("a.b=[0,0,1],[0,1,0]") == ("a.b", ["[0,0,1]", "[0,1,0]"])
-    assert values("a=\"x,y\",'z,'") == ("a", ['"x,y"', "'z,'"])
-    assert values("a={ x = 1, y = 2 }") == ("a", ["{ x = 1, y = 2 }"])
+    for setting, key, found in (
+        ("mesh.n=4,8", "mesh.n", ["4", "8"]),
+        ("a.b=[0,0,1],[0,1,0]", "a.b", ["[0,0,1]", "[0,1,0]"]),
+        ("a=\"x,y\",'z,'", "a", ['"x,y"', "'z,'"]),
+        ("a={ x = 1, y = 2 }", "a", ["{ x = 1, y = 2 }"]),
+    ):
+        assert values(setting) == (key, found)
 
 
 @pytest.mark.parametrize(
@@ -66,17 +68,6 @@ def test_wrong_ranges(setting: str, why: str) -> None:
         space_values(setting)
 
 
-def test_a_spacing_given_as_count(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert call(["sweep", "sheared_cube", "--range", "mesh.n=4:9:4"]) == 2
-    told = capsys.readouterr().err
-    assert "--range mesh.n=4:9:4: mesh.n takes integers, but this is 4 values, " in told
-    assert "4, 5.66667, 7.33333, 9: the third number is the number of values" in told
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
@@ -89,151 +80,98 @@ def test_a_spacing_given_as_count(
         (lambda _: "", "not the table of a sweep"),
     ],
 )
-def test_a_damaged_table_is_named(
-    spoil: Any,
-    why: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "here" / "sweep.csv"
-    write(path.parent, path)
-    path.write_text(spoil(path.read_text()))
-    command = [*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--resume"]
-    plot = ["plot", "here", "--x", "contact.0.mu", "--y", "steps"]
-    for arguments in (command, plot):
-        assert call(list(arguments)) == 2
-        captured = capsys.readouterr()
-        assert "here/sweep.csv" in captured.err
-        assert why in captured.err
-        assert captured.out == ""
-
-
-def write(folder: Path, path: Path) -> None:
-    """The table of a sweep of two rows, without its numbers."""
-    folder.mkdir()
+def test_a_damaged_table_is_named(spoil: Any, why: str, bipot: Bipot) -> None:
+    path = Path("here/sweep.csv")
+    path.parent.mkdir()
+    # The table of a sweep of two rows, without its numbers.
     done = {
         k: {"contact.0.mu": mu, "outcome": "solved", "message": "", "digest": str(k)}
         for k, mu in enumerate(("0.2", "0.3"))
     }
     write_table(path, ["contact.0.mu"], done)
+    path.write_text(spoil(path.read_text()))
+    for words in (
+        (*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--resume"),
+        ("plot", "here", "--x", "contact.0.mu", "--y", "steps"),
+    ):
+        status, out, err = bipot(*words)
+        assert (status, out) == (2, "")
+        assert "here/sweep.csv" in err
+        assert why in err
 
 
 def test_combinations() -> None:
-    combinations = list_rows(["a=1,2"], ["b=0:1:3"])
-    assert [(combination["a"], combination["b"]) for combination in combinations] == [
-        *(("1", "0.0"), ("1", "0.5"), ("1", "1.0")),
-        *(("2", "0.0"), ("2", "0.5"), ("2", "1.0")),
-    ]
+    rows = [(row["a"], row["b"]) for row in list_rows(["a=1,2"], ["b=0:1:3"])]
+    assert rows == [(a, b) for a in ("1", "2") for b in ("0.0", "0.5", "1.0")]
+    many = "1000000 combinations, expected at most 100000"
     for settings, message in (
         ((["a=1", "a=2"], []), "a is given 2 times"),
         (([], []), "nothing varies"),
         ((["a=1,,2"], []), "expected KEY=V1,V2"),
         ((["a"], []), "expected KEY=V1,V2"),
-        (
-            ([], ["a=0:1:1000", "b=0:1:1000"]),
-            "1000000 combinations, expected at most 100000",
-        ),
+        (([], ["a=0:1:1000", "b=0:1:1000"]), many),
     ):
         with pytest.raises(ValueError, match=message):
             list_rows(*settings)
 
 
-def test_rows_are_those_of_single_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    command = (*SWEEP, "--set", "contact.0.mu=0.2,0.9,-1", "--jobs", "2", "--json")
-    assert call(list(command)) == 2
-    *told, last = map(json.loads, capsys.readouterr().out.splitlines())
+def test_rows_are_those_of_single_runs(bipot: Bipot) -> None:
+    words = ("--set", "contact.0.mu=0.2,0.9,-1", "--jobs", "2", "--json")
+    status, out, _ = bipot(*SWEEP, *words)
+    assert status == 2
+    *told, last = map(json.loads, out.splitlines())
     assert (last["rows"], last["solved"]) == (3, 2)
-    assert sorted(row_of_table["row"] for row_of_table in told) == [0, 1, 2]
-    table_rows = table(tmp_path / "out" / "sheared_cube-sweep")
-    assert [row_of_table["outcome"] for row_of_table in table_rows] == [
-        "solved",
-        "solved",
-        "bad input",
-    ]
-    assert (
-        "contact.0.mu: should be greater than or equal to 0" in table_rows[2]["message"]
-    )
-    for row_of_table in table_rows[:2]:
-        mu = f"contact.0.mu={row_of_table['contact.0.mu']}"
-        call(["run", "sheared_cube", "--set", "mesh.n=3", "--set", mu, "--json"])
-        step = json.loads(capsys.readouterr().out.splitlines()[1])
+    assert sorted(row["row"] for row in told) == [0, 1, 2]
+    rows = table(Path("out/sheared_cube-sweep"))
+    assert [row["outcome"] for row in rows] == ["solved", "solved", "bad input"]
+    message = rows[2]["message"]
+    assert "contact.0.mu: should be greater than or equal to 0" in message
+    for row in rows[:2]:
+        mu = f"contact.0.mu={row['contact.0.mu']}"
+        out = bipot("run", "sheared_cube", *SWEEP[2:], "--set", mu, "--json")[1]
+        step = json.loads(out.splitlines()[1])
         for name in ("open", "slip", "stick"):
-            assert int(row_of_table[name]) == step[name]
+            assert int(row[name]) == step[name]
         with Path("out/sheared_cube/steps.csv").open(newline="") as file:
             *_, same = csv.DictReader(file)
         # Bitwise the same with one thread and with several.
         for name in ("tangential_force", "normal_force", "friction_used"):
             key = f"{name} of cube.bottom"
-            assert row_of_table[key] == same[key]
+            assert row[key] == same[key]
 
 
-def test_mistakes_of_all_rows_are_reported_before_any_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for more, message in (
-        (["--set", "mesh.m=1,2"], "mesh.m: unknown key"),
-        (["--method", "newtom"], "did you mean 'newton'?"),
-        (["--resume"], "cannot resume: there is no"),
-        (["--set", "contact.0.mu"], "expected KEY=V1,V2"),
-    ):
-        assert call([*SWEEP, *more]) == 2
-        captured = capsys.readouterr()
-        assert message in captured.err
-        assert captured.out == ""
-        assert not (tmp_path / "out" / "sheared_cube-sweep" / "sweep.csv").exists()
-
-
-def test_a_scheduler_needs_dask(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    command = [*SWEEP, "--scheduler", "tcp://localhost:8786"]
-    assert call([*command, "--jobs", "2"]) == 2
-    assert "--jobs cannot be used with --scheduler" in capsys.readouterr().err
+def test_a_scheduler_needs_dask(bipot: Bipot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert call(command) == 2
-    told = capsys.readouterr().err
-    assert "not installed: run pip install 'bipot-rs[cluster]'" in told
-    assert list(tmp_path.iterdir()) == []
+    status, _, err = bipot(*SWEEP, "--scheduler", "tcp://localhost:8786")
+    assert status == 2
+    assert "not installed: run pip install 'bipot-rs[cluster]'" in err
+    assert list(Path().iterdir()) == []
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None:
-    command = [
-        *(*BIPOT, *SWEEP, "--range", "contact.0.mu=0.1:0.6:6", "--jobs", "1"),
-        *("--out", "here"),
-    ]
-    told = interrupt_sweep([*command, "--json"], tmp_path)
+def test_ctrl_c_keeps_finished_rows_and_resume_continues(
+    tmp_path: Path, bipot: Bipot
+) -> None:
+    command = [*SWEEP, "--range", "contact.0.mu=0.1:0.6:6", "--jobs", "1"]
+    command += ["--out", "here"]
+    python = [sys.executable, "-m", "bipot_rs"]
+    told = interrupt_sweep([*python, *command, "--json"], tmp_path)
     done = table(tmp_path / "here")
     assert 1 <= len(told) <= len(done) < 6
     names = sorted(path.name for path in (tmp_path / "here").iterdir())
     assert names == ["sweep.csv", "sweep.json"]
     # A finished row is not solved again: its seconds are unchanged.
-    run = subprocess.run(
-        [*command, "--resume"], cwd=tmp_path, capture_output=True, text=True, timeout=60
-    )
-    assert run.returncode == 0, run.stderr
-    assert f"{len(done)} of 6 rows" in run.stderr
+    status, _, err = bipot(*command, "--resume")
+    assert status == 0, err
+    assert f"{len(done)} of 6 rows" in err
     whole = table(tmp_path / "here")
-    assert [row_of_table["row"] for row_of_table in whole] == [str(k) for k in range(6)]
+    assert [row["row"] for row in whole] == [str(k) for k in range(6)]
     assert whole[: len(done)] == done
-    assert {row_of_table["outcome"] for row_of_table in whole} == {"solved"}
+    assert {row["outcome"] for row in whole} == {"solved"}
     # No row remains; and rows of another scene do not count.
-    again = subprocess.run(
-        [*command, "--resume", "--tol", "1e-9"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert again.returncode == 0
-    assert "are already finished" not in again.stderr
+    status, _, err = bipot(*command, "--resume", "--tol", "1e-9")
+    assert status == 0
+    assert "are already finished" not in err
     assert table(tmp_path / "here")[0]["digest"] != whole[0]["digest"]
 
 
@@ -285,14 +223,10 @@ def test_leaving_ends_the_workers() -> None:
 
 
 @pytest.mark.slow
-def test_rows_of_another_sweep_are_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    two = (*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--jobs", "1")
-    sweep_words = (*SWEEP, "--set", "contact.0.mu=0.4", "--out", "here", "--jobs", "1")
-    assert call(list(two)) == 0
-    before = (tmp_path / "here" / "sweep.csv").read_bytes()
-    assert call([*sweep_words, "--resume"]) == 0
-    assert (tmp_path / "here" / "sweep-before.csv").read_bytes() == before
-    assert [row["contact.0.mu"] for row in table(tmp_path / "here")] == ["0.4"]
+def test_rows_of_another_sweep_are_kept(bipot: Bipot) -> None:
+    more = ("--out", "here", "--jobs", "1")
+    assert bipot(*SWEEP, "--set", "contact.0.mu=0.2,0.3", *more)[0] == 0
+    before = Path("here/sweep.csv").read_bytes()
+    assert bipot(*SWEEP, "--set", "contact.0.mu=0.4", *more, "--resume")[0] == 0
+    assert Path("here/sweep-before.csv").read_bytes() == before
+    assert [row["contact.0.mu"] for row in table(Path("here"))] == ["0.4"]

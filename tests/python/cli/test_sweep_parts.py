@@ -28,12 +28,8 @@ def files(folder: Path) -> dict[str, Any]:
         name = path.relative_to(folder)
         if path.is_dir() or name.parts[0].startswith("part-"):
             continue
-        if path.name == "sweep.csv":
-            contents[str(name)] = (path.read_text().splitlines()[0], table(folder))
-        else:
-            contents[str(name)] = (
-                content(path) if path.suffix == ".h5" else path.read_bytes()
-            )
+        whole = content(path) if path.suffix == ".h5" else path.read_bytes()
+        contents[str(name)] = table(folder) if path.name == "sweep.csv" else whole
     return contents
 
 
@@ -45,15 +41,8 @@ def array(tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = [sys.executable, "-m", "bipot_rs", *STUDY, "--jobs", "1", "--results"]
     more = [["--out", "whole"]]
     more += [["--out", "parts", "--part", f"{task}/3"] for task in (1, 2, 3)]
-    tasks = [
-        subprocess.Popen(
-            [*command, *part_words],
-            cwd=cwd,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
-        for part_words in more
-    ]
+    to = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    tasks = [subprocess.Popen([*command, *words], cwd=cwd, **to) for words in more]
     for task in tasks:
         output, errors = task.communicate(timeout=120)
         # Some rows have no answer.
@@ -73,30 +62,30 @@ def parts(array: Path, tmp_path: Path) -> Path:
 def test_joined_parts_are_the_files_of_one_sweep(
     array: Path, parts: Path, bipot: Bipot
 ) -> None:
-    status, output, errors = bipot("sweep", "--join", "parts")
-    assert (status, errors) == (1, "")
-    assert "2 of 6 rows solved; the table is parts/sweep.csv" in output
-    whole_files, joined = files(array / "whole"), files(parts)
-    assert sorted(joined) == [
-        *(f"rows/{k:04d}/result.h5" for k in range(6)),
-        *("sweep.csv", "sweep.json"),
-    ]
-    assert joined == whole_files
-    # Into another folder, from the folders of the parts in any order.
-    names = [f"parts/part-{k}-of-3" for k in (3, 1, 2)]
-    assert bipot("sweep", "--join", *names, "--out", "there")[0] == 1
-    assert files(Path("there")) == whole_files
-
-
-@pytest.mark.slow
-def test_parts_divide_the_rows(array: Path) -> None:
     numbers = [
-        [int(row["row"]) for row in table(array / "parts" / f"part-{k}-of-3")]
-        for k in (1, 2, 3)
+        [int(row["row"]) for row in table(parts / f"part-{k}-of-3")] for k in (1, 2, 3)
     ]
     assert sorted(chain(*numbers)) == list(range(6))
     # Rows alternate between coarse and fine meshes: each part has one of both.
     assert [sorted(k % 2 for k in rows) for rows in numbers] == [[0, 1]] * 3
+    status, output, errors = bipot("sweep", "--join", "parts")
+    assert (status, errors) == (1, "")
+    assert "2 of 6 rows solved; the table is parts/sweep.csv" in output
+    whole, joined = files(array / "whole"), files(parts)
+    results = [f"rows/{k:04d}/result.h5" for k in range(6)]
+    assert sorted(joined) == [*results, "sweep.csv", "sweep.json"]
+    assert joined == whole
+    # Into another folder, from the folders of the parts in any order.
+    names = [f"parts/part-{k}-of-3" for k in (3, 1, 2)]
+    assert bipot("sweep", "--join", *names, "--out", "there")[0] == 1
+    assert files(Path("there")) == whole
+    # More parts than rows.
+    study = ("sweep", "sheared_cube", "--set", "mesh.n=2", "--out", "few")
+    for k in (1, 2):
+        assert bipot(*study, "--part", f"{k}/2")[0] == 0
+    status, output, _ = bipot("sweep", "--join", "few")
+    assert status == 0
+    assert "1 of 1 row solved" in output
 
 
 @pytest.mark.parametrize(("meshes", "others"), [(4, 4), (3, 5), (5, 8), (1, 7)])
@@ -113,20 +102,17 @@ def test_no_part_gets_all_large_rows(meshes: int, others: int, count: int) -> No
     assert max(map(len, dealt)) - min(map(len, dealt)) <= 1
 
 
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
+def test_wrong_parts() -> None:
+    for text, why in (
         ("3", "expected I/N, as in 2/4"),
         ("a/b", "expected I/N"),
         ("-1/4", "expected I/N"),
         ("0/4", "I is 0, not between 1 and 4"),
         ("5/4", "I is 5, not between 1 and 4"),
         ("1/0", "N is 0, not between 1 and"),
-    ],
-)
-def test_wrong_parts(text: str, why: str) -> None:
-    with pytest.raises(ValueError, match=f"--part {text}: {why}"):
-        part(text)
+    ):
+        with pytest.raises(ValueError, match=f"--part {text}: {why}"):
+            part(text)
     assert part(" 2/ 4") == StudyPart(2, 4)
 
 
@@ -164,21 +150,14 @@ def test_missing_rows_are_marked_and_resumed(
     assert table(parts) == table(array / "whole")
 
 
-@pytest.mark.slow
-def test_more_parts_than_rows(bipot: Bipot) -> None:
-    study = ("sweep", "sheared_cube", "--set", "mesh.n=2", "--out", "few")
-    for k in (1, 2):
-        assert bipot(*study, "--part", f"{k}/2")[0] == 0
-    status, output, _ = bipot("sweep", "--join", "few")
-    assert status == 0
-    assert "1 of 1 row solved" in output
+def record(path: Path, **changes: Any) -> None:
+    path /= "sweep.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
 
 
 def other_settings(parts: Path) -> str:
-    path = parts / "part-2-of-3" / "sweep.json"
-    record = json.loads(path.read_text())
-    record |= {"study": "0", "settings": ["contact.0.mu=0.1,0.3,0.6", "mesh.n=4,6"]}
-    path.write_text(json.dumps(record))
+    settings = ["contact.0.mu=0.1,0.3,0.6", "mesh.n=4,6"]
+    record(parts / "part-2-of-3", study="0", settings=settings)
     return (
         "parts/part-2-of-3 belongs to another study than parts/part-1-of-3: settings "
         "['contact.0.mu=0.1,0.3,0.6', 'mesh.n=4,6'] instead of "
@@ -186,8 +165,7 @@ def other_settings(parts: Path) -> str:
 
 
 def other_scene(parts: Path) -> str:
-    path = parts / "part-2-of-3" / "sweep.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"study": "0"}))
+    record(parts / "part-2-of-3", study="0")
     return (
         "parts/part-2-of-3 belongs to another study than parts/part-1-of-3: the scene "
         "file, one of its meshes or the version of bipot_rs was another"
@@ -195,8 +173,7 @@ def other_scene(parts: Path) -> str:
 
 
 def other_division(parts: Path) -> str:
-    path = parts / "part-2-of-3" / "sweep.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"part": "2/4"}))
+    record(parts / "part-2-of-3", part="2/4")
     return "parts/part-2-of-3 is part 2/4, but parts/part-1-of-3 is part 1/3"
 
 
@@ -235,19 +212,11 @@ def damaged_record(parts: Path) -> str:
     return "parts/part-1-of-3/sweep.json is damaged"
 
 
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        other_settings,
-        other_scene,
-        other_division,
-        same_part_twice,
-        same_row_twice,
-        row_of_another_part,
-        edited_row,
-        damaged_record,
-    ],
-)
+SPOILT = [other_settings, other_scene, other_division, same_part_twice, same_row_twice]
+SPOILT += [row_of_another_part, edited_row, damaged_record]
+
+
+@pytest.mark.parametrize("spoil", SPOILT)
 @pytest.mark.slow
 def test_what_does_not_belong_together_is_refused(
     spoil: Callable[[Path], str], parts: Path, bipot: Bipot
@@ -286,11 +255,3 @@ def test_wrong_arguments_of_join(
     last = json.loads(output)
     assert not last["ok"]
     assert why in last["message"]
-
-
-def test_one_scene_without_join(bipot: Bipot) -> None:
-    status, _, errors = bipot(
-        "sweep", "sheared_cube", "two_blocks", "--set", "mesh.n=2"
-    )
-    assert status == 2
-    assert "unexpected argument two_blocks" in errors

@@ -24,6 +24,17 @@ def labels(count: int) -> Any:
     return 10 + 3 * np.random.default_rng(1).permutation(count)
 
 
+def of_dofs(folder: Path, K: Any, contacts: str, load: str = "") -> list[str]:
+    """The files of a small problem, of degrees of freedom alone, and their command."""
+    mmwrite(folder / "K.mtx", sparse.coo_matrix(K), symmetry="symmetric")
+    (folder / "contacts.csv").write_text(contacts)
+    command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
+    if load:
+        (folder / "load.csv").write_text(load)
+        command += ["--load", "load.csv"]
+    return command
+
+
 def written(
     folder: Path, name: str, *, form: str = "market", by_dof: bool = False
 ) -> tuple[list[str], Any]:
