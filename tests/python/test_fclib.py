@@ -31,14 +31,21 @@ def as_dense(matrix: Any) -> Array:
     return np.asarray(matrix.toarray() if sparse.issparse(matrix) else matrix)
 
 
+def reduced(file: Path) -> bp.ReducedProblem:
+    """The problem of a file of the local form."""
+    problem = fclib.read(file)
+    assert isinstance(problem, bp.ReducedProblem)
+    return problem
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_read_as_it_is(name: str) -> None:
     facts, problem = FILES[name], fclib.read(path(name))
-    group = f"fclib_{facts.form}"
     with h5py.File(path(name)) as file:
-        vectors = {k: v[:] for k, v in file[group]["vectors"].items()}
+        group = file[f"fclib_{facts.form}"]
+        vectors = {k: v[:] for k, v in group["vectors"].items()}
         letters = "W" if facts.form == "local" else "MH"
-        matrices = {k: dense(file[group], k) for k in letters}
+        matrices = {k: dense(group, k) for k in letters}
     if isinstance(problem, fclib.GlobalProblem):
         assert facts.form == "global"
         assert as_dense(problem.M).shape == (facts.n, facts.n)
@@ -57,8 +64,7 @@ def test_a_file_is_read_as_it_is(name: str) -> None:
 
 @pytest.mark.parametrize("name", [n for n, k in FILES.items() if k.form == "local"])
 def test_local_problems_are_solved(name: str) -> None:
-    problem = fclib.read(path(name))
-    assert isinstance(problem, bp.ReducedProblem)
+    problem = reduced(path(name))
     solution = problem.solve(tol=1e-12)
     assert solution.converged
     W, r = as_dense(problem.W), solution.reaction
@@ -124,14 +130,9 @@ def matrices(draw: st.DrawFn, rows: int, columns: int) -> Any:
 def parts(matrix: Any) -> tuple[bytes, ...]:
     """Kind, indices and bits of a matrix."""
     kind = matrix.format
-    places = (
-        (matrix.row, matrix.col) if kind == "coo" else (matrix.indptr, matrix.indices)
-    )
-    return (
-        kind.encode(),
-        *(np.asarray(place, np.int64).tobytes() for place in places),
-        matrix.data.tobytes(),
-    )
+    names = ("row", "col") if kind == "coo" else ("indptr", "indices")
+    places = [np.asarray(getattr(matrix, name), np.int64).tobytes() for name in names]
+    return kind.encode(), *places, matrix.data.tobytes()
 
 
 @settings(max_examples=60)
@@ -147,17 +148,6 @@ def test_matrices_come_back_bit_for_bit(data: st.DataObject) -> None:
     assert matrix_read.shape == matrix.shape
 
 
-def test_a_dense_matrix_is_written_whole(tmp_path: Path) -> None:
-    problem = pressed.square()
-    assert isinstance(problem.W, np.ndarray)
-    fclib.write(tmp_path / "a.hdf5", problem)
-    read_back = fclib.read(tmp_path / "a.hdf5")
-    assert isinstance(read_back, bp.ReducedProblem)
-    assert read_back.W.format == "csr"
-    assert read_back.W.nnz == problem.W.size
-    assert read_back.W.toarray().tobytes() == problem.W.tobytes()
-
-
 @pytest.mark.parametrize("make", [pressed.square, pressed.cube, pressed.free])
 def test_problems_are_written_with_solutions(
     make: Callable[[], bp.ReducedProblem], tmp_path: Path
@@ -165,8 +155,11 @@ def test_problems_are_written_with_solutions(
     problem, target = make(), tmp_path / "a.hdf5"
     solution = problem.solve(tol=1e-12)
     fclib.write(target, problem, solution)
-    read_back, stored = fclib.read(target), fclib.read_solution(target)
-    assert isinstance(read_back, bp.ReducedProblem)
+    read_back, stored = reduced(target), fclib.read_solution(target)
+    # A dense matrix is written whole.
+    assert read_back.W.format == "csr"
+    assert read_back.W.nnz == problem.W.size
+    assert read_back.W.toarray().tobytes() == problem.W.tobytes()
     assert stored is not None
     assert stored.r.tobytes() == solution.reaction.tobytes()
     assert stored.u.tobytes() == solution.relative_displacement.tobytes()
@@ -193,39 +186,35 @@ def test_problems_are_written_with_solutions(
     assert info["title"] == "a"
     assert "bipot_rs" in info["description"]
     assert f"residual eta {eta:.1e}" in info["math_info"]
-
-
-def test_strings_end_with_a_zero_byte(tmp_path: Path) -> None:
-    """Fixed length with a zero at the end, as in the files of the collection."""
-    fclib.write(tmp_path / "a.hdf5", pressed.square(), info={"title": "it"})
-    with h5py.File(tmp_path / "a.hdf5") as file:
+    # Fixed length with a zero at the end, as in the files of the collection.
+    with h5py.File(target) as file:
         kind = file["fclib_local/info/title"].id.get_type()
         assert not kind.is_variable_str()
-        assert kind.get_size() == len("it") + 1
+        assert kind.get_size() == len("a") + 1
         assert file["fclib_local/spacedim"].dtype == np.int32
         assert file["fclib_local/spacedim"].shape == (1,)
 
 
-def test_unconverged_solution_is_written_as_guess(tmp_path: Path) -> None:
+def test_other_solutions(tmp_path: Path) -> None:
+    target = tmp_path / "a.hdf5"
     problem = pressed.cube()
     solution = problem.solve("uzawa", tol=1e-12, max_iterations=2)
     assert not solution.converged
-    fclib.write(tmp_path / "a.hdf5", problem, solution)
-    assert fclib.read_solution(tmp_path / "a.hdf5") is None
-    (guess,) = fclib.read_guesses(tmp_path / "a.hdf5")
+    fclib.write(target, problem, solution)
+    # What has not converged is a guess.
+    assert fclib.read_solution(target) is None
+    (guess,) = fclib.read_guesses(target)
     assert guess.r.tobytes() == solution.reaction.tobytes()
-    assert "iteration_limit" in fclib.read_info(tmp_path / "a.hdf5")["math_info"]
-
-
-def test_global_solution_contains_the_velocity(tmp_path: Path) -> None:
-    problem = fclib.read(path("rods_2_3c"))
-    assert isinstance(problem, fclib.GlobalProblem)
-    solution = problem.solve()
-    fclib.write(tmp_path / "a.hdf5", problem, solution)
-    stored = fclib.read_solution(tmp_path / "a.hdf5")
+    assert "iteration_limit" in fclib.read_info(target)["math_info"]
+    # A solution of the global form contains the velocity.
+    whole = fclib.read(path("rods_2_3c"))
+    assert isinstance(whole, fclib.GlobalProblem)
+    solution = whole.solve()
+    fclib.write(target, whole, solution)
+    stored = fclib.read_solution(target)
     assert stored is not None
     assert stored.v is not None
-    assert stored.v.tobytes() == problem.velocity(solution).tobytes()
+    assert stored.v.tobytes() == whole.velocity(solution).tobytes()
 
 
 def test_each_step_is_written_as_a_complete_problem(tmp_path: Path) -> None:
@@ -239,7 +228,7 @@ def test_each_step_is_written_as_a_complete_problem(tmp_path: Path) -> None:
     assert [p.name for p in written] == [f"way-000{k}.hdf5" for k in range(3)]
     slip = np.zeros((len(body.gap), 1))
     for step, file in zip(result, written, strict=True):
-        read_back, stored = fclib.read(file), fclib.read_solution(file)
+        read_back, stored = reduced(file), fclib.read_solution(file)
         assert stored is not None
         # v of the file is that of the step: its tangential part is the slip of the step.
         np.testing.assert_array_equal(stored.u[:, 1:], step.slip)
@@ -255,11 +244,9 @@ def test_each_step_is_written_as_a_complete_problem(tmp_path: Path) -> None:
     assert fclib.read_info(written[1])["title"] == "way, step 2 of 3"
     # From the second step on the files are the same.
     again = problem.solve(prescribed=np.array(moved[1:]), start=result[0], tol=1e-12)
-    for k, file in enumerate(fclib.write_path(tmp_path / "on", problem, again)):
-        other, before = fclib.read(file), fclib.read(written[k + 1])
-        assert isinstance(other, bp.ReducedProblem)
-        assert isinstance(before, bp.ReducedProblem)
-        assert other.q.tobytes() == before.q.tobytes()
+    more = fclib.write_path(tmp_path / "on", problem, again)
+    for file, before in zip(more, written[1:], strict=True):
+        assert reduced(file).q.tobytes() == reduced(before).q.tobytes()
     result.save(tmp_path / "a.h5")
     with pytest.raises(ValueError, match="loads of the result are unknown"):
         fclib.write_path(tmp_path / "no", problem, bp.load(tmp_path / "a.h5"))
@@ -282,11 +269,21 @@ def test_a_failed_write_leaves_the_file(
     assert [p.name for p in tmp_path.iterdir()] == ["a.hdf5"]
 
 
-Change = Callable[[h5py.File], None]
+SOLUTION, GUESSES = fclib.read_solution, fclib.read_guesses
+NUMBER = "/guesses/number_of_guesses"
+Change = Callable[[h5py.File], Any]
 
 
 def without(name: str) -> Change:
     return lambda file: file.__delitem__(name)
+
+
+def several(*changes: Change) -> Change:
+    def change(file: h5py.File) -> None:
+        for one in changes:
+            one(file)
+
+    return change
 
 
 def put(name: str, value: Any) -> Change:
@@ -302,16 +299,16 @@ def edit(name: str, change: Callable[[NDArray[Any]], Any]) -> Change:
     return lambda file: put(name, change(file[name][()]))(file)
 
 
-def spoil(at: int, value: float) -> Callable[[NDArray[Any]], NDArray[Any]]:
+def spoil(name: str, at: int, value: float) -> Change:
     def change(array: NDArray[Any]) -> NDArray[Any]:
         array[at] = value
         return array
 
-    return change
+    return edit(name, change)
 
 
-def shorter(array: NDArray[Any]) -> NDArray[Any]:
-    return array[:-1]
+def shorter(name: str) -> Change:
+    return edit(name, lambda array: array[:-1])
 
 
 def altered(source: str, change: Change, folder: Path) -> Path:
@@ -343,205 +340,189 @@ ALL = [
 def test_missing_or_wrong_data_are_named(
     source: str, name: str, tmp_path: Path
 ) -> None:
-    assert f"{name} is missing" in said_of(source, without(name), tmp_path)
-    assert f"{name} holds" in said_of(source, put(name, b"text"), tmp_path)
-    group = said_of(
-        source, lambda f: (without(name)(f), f.create_group(name))[0], tmp_path
-    )
-    assert f"{name} is a group" in group
+    def said(change: Change) -> str:
+        return said_of(source, change, tmp_path)
+
+    assert f"{name} is missing" in said(without(name))
+    assert f"{name} holds" in said(put(name, b"text"))
+    group = several(without(name), lambda file: file.create_group(name))
+    assert f"{name} is a group" in said(group)
     if len(datasets(path(source))[name]) > 1:
         # If two lengths contradict each other, the message names both, or the wrong one.
-        short = said_of(source, edit(name, shorter), tmp_path)
+        short = said(shorter(name))
         assert f"{name} has" in short or f"{name.rpartition('/')[0]}/" in short
-        huge = said_of(
-            source,
-            lambda f: (without(name)(f), f.create_dataset(name, (2**36,), "i4"))[0],
-            tmp_path,
-        )
+        large = lambda file: file.create_dataset(name, (2**36,), "i4")  # noqa: E731
+        huge = said(several(without(name), large))
         assert f"{name} has {2**36} entries, more than" in huge or "holds" in huge
 
 
 LOCAL, GLOBAL = "/fclib_local", "/fclib_global"
 
 
-@pytest.mark.parametrize(
-    ("source", "change", "said"),
-    [
-        ("nespheres_10", without(LOCAL), "expected one of /fclib_local and /fclib_"),
-        ("nespheres_10", put(GLOBAL, 1), "found both"),
-        ("nespheres_10", put("/more", 1), "/more is unknown, not part of"),
-        *(
-            ("nespheres_10", lambda file, change=change: change(file[LOCAL]), said)
-            for change, said in (
-                (put("X", 1), "/fclib_local/X is unknown"),
-                (put("W/y", 1), "/fclib_local/W/y is unknown"),
-                (put("vectors/b", [1.0]), "/vectors/b is unknown"),
-                (put("spacedim", [4]), "/spacedim is 4, expected 2"),
-                (put("spacedim", [2]), "/W/m is 27, expected a mult"),
-                (put("W/n", [28]), "/W/n is 28, expected 27"),
-                (put("W/m", [-1]), "/W/m is -1, expected zero"),
-                (put("W/nz", [-3]), "/W/nz is -3, expected"),
-                (put("W/nzmax", [1]), "/W/nzmax is 1, expected 121"),
-                (edit("W/i", spoil(3, 27)), "/W/i is 27 at position 3"),
-                (edit("W/i", spoil(3, -1)), "/W/i is -1 at position 3"),
-                (edit("W/p", spoil(0, 1)), "/W/p should ascend"),
-                (edit("W/p", spoil(3, 999)), "/W/p should ascend"),
-                (edit("W/x", spoil(7, np.nan)), "/W/x is nan at positi"),
-                (edit("W/x", shorter), "/W/x has 120 entries, expec"),
-                (edit("W/p", shorter), "/W/p has 27 entries, expec"),
-                (edit("vectors/q", spoil(7, np.inf)), "/q is inf at position 7"),
-                (edit("vectors/mu", spoil(2, -0.1)), "/mu is -0.1 at position 2"),
-                (edit("vectors/mu", shorter), "/mu has 8 entries, expected 9"),
-                (edit("vectors/q", lambda q: q.reshape(-1, 3)), "/q has 2 dimensions"),
-            )
-        ),
-        *(
-            ("fe_cube_h8_9c", lambda file, change=change: change(file[GLOBAL]), said)
-            for change, said in (
-                (edit("M/i", spoil(5, 162)), "/M/i is 162 at"),
-                (edit("M/p", spoil(5, -1)), "/M/p is -1 at"),
-                (put("H/nz", [406]), "/H/nzmax is 405, exp"),
-                (put("H/m", [161]), "/H/m is 161, expected 162"),
-                (put("H/n", [26]), "/H/n is 26, expected a multi"),
-                (put("vectors/b", [1.0]), "/fclib_global/G is miss"),
-                (edit("vectors/f", shorter), "/vectors/f has 161"),
-            )
+# Of a file, and of its group: changes, and the messages.
+WRONG: dict[tuple[str, str], list[tuple[Change, str]]] = {
+    ("nespheres_10", ""): [
+        (without(LOCAL), "expected one of /fclib_local and /fclib_"),
+        (put(GLOBAL, 1), "found both"),
+        (put("/more", 1), "/more is unknown, not part of"),
+    ],
+    ("nespheres_10", LOCAL): [
+        (put("X", 1), "/fclib_local/X is unknown"),
+        (put("W/y", 1), "/fclib_local/W/y is unknown"),
+        (put("vectors/b", [1.0]), "/vectors/b is unknown"),
+        (put("spacedim", [4]), "/spacedim is 4, expected 2"),
+        (put("spacedim", [2]), "/W/m is 27, expected a mult"),
+        (put("W/n", [28]), "/W/n is 28, expected 27"),
+        (put("W/m", [-1]), "/W/m is -1, expected zero"),
+        (put("W/nz", [-3]), "/W/nz is -3, expected"),
+        (put("W/nzmax", [1]), "/W/nzmax is 1, expected 121"),
+        (spoil("W/i", 3, 27), "/W/i is 27 at position 3"),
+        (spoil("W/i", 3, -1), "/W/i is -1 at position 3"),
+        (spoil("W/p", 0, 1), "/W/p should ascend"),
+        (spoil("W/p", 3, 999), "/W/p should ascend"),
+        (spoil("W/x", 7, np.nan), "/W/x is nan at positi"),
+        (shorter("W/x"), "/W/x has 120 entries, expec"),
+        (shorter("W/p"), "/W/p has 27 entries, expec"),
+        (spoil("vectors/q", 7, np.inf), "/q is inf at position 7"),
+        (spoil("vectors/mu", 2, -0.1), "/mu is -0.1 at position 2"),
+        (shorter("vectors/mu"), "/mu has 8 entries, expected 9"),
+        (edit("vectors/q", lambda q: q.reshape(-1, 3)), "/q has 2 dimensions"),
+        # Valid numbers that are refused as a problem: the message still has the path.
+        (
+            several(
+                edit("W/x", lambda x: 1e300 * x),
+                edit("vectors/q", lambda q: 1e-300 * q),
+            ),
+            "W and q cannot be scaled",
         ),
     ],
-)
-def test_wrong_content_is_named(
-    source: str, change: Change, said: str, tmp_path: Path
-) -> None:
-    assert said in said_of(source, change, tmp_path)
+    ("fe_cube_h8_9c", GLOBAL): [
+        (spoil("M/i", 5, 162), "/M/i is 162 at"),
+        (spoil("M/p", 5, -1), "/M/p is -1 at"),
+        (put("H/nz", [406]), "/H/nzmax is 405, exp"),
+        (put("H/m", [161]), "/H/m is 161, expected 162"),
+        (put("H/n", [26]), "/H/n is 26, expected a multi"),
+        (put("vectors/b", [1.0]), "/fclib_global/G is miss"),
+        (shorter("vectors/f"), "/vectors/f has 161"),
+    ],
+}
+
+
+@pytest.mark.parametrize(("source", "group"), WRONG)
+def test_wrong_content_is_named(source: str, group: str, tmp_path: Path) -> None:
+    for change, said in WRONG[source, group]:
+        within = lambda file, change=change: change(file[group or "/"])  # noqa: E731
+        assert said in said_of(source, within, tmp_path)
 
 
 def matrix_of(name: str, rows: int, columns: int, x: list[float]) -> Change:
     """Write a matrix whose entries are all in its first row."""
-
-    def change(file: h5py.File) -> None:
-        matrix = sparse.coo_array(
-            (x, (np.zeros(len(x), int), np.arange(len(x)))), shape=(rows, columns)
-        )
-        fclib._write_matrix(file.create_group(name), matrix)
-
-    return change
-
-
-def several(*changes: Change) -> Change:
-    def change(file: h5py.File) -> None:
-        for one in changes:
-            one(file)
-
-    return change
+    places = (np.zeros(len(x), int), np.arange(len(x)))
+    matrix = sparse.coo_array((x, places), shape=(rows, columns))
+    return lambda file: fclib._write_matrix(file.create_group(name), matrix)
 
 
 def test_constraints_are_refused_or_rigid_motions(tmp_path: Path) -> None:
-    V, s = (
-        matrix_of("/fclib_local/V", 27, 1, [1.0]),
-        put("/fclib_local/vectors/s", [2.0]),
-    )
-    R = "/fclib_local/R"
-    message = said_of("nespheres_10", several(V, s), tmp_path)
-    assert "/fclib_local/R is missing" in message
-    message = said_of("nespheres_10", several(V, matrix_of(R, 1, 1, [])), tmp_path)
-    assert "/fclib_local/vectors/s is missing" in message
-    message = said_of(
-        "nespheres_10", several(V, s, matrix_of(R, 1, 1, [1.0])), tmp_path
-    )
-    assert "/fclib_local/R is not zero" in message
-    message = said_of("nespheres_10", several(V, s, matrix_of(R, 2, 2, [])), tmp_path)
-    assert "/fclib_local/R is (2, 2), expected (1, 1)" in message
+    V = matrix_of("/fclib_local/V", 27, 1, [1.0])
+    s = put("/fclib_local/vectors/s", [2.0])
+
+    def R(*shape_and_entries: Any) -> Change:
+        return matrix_of("/fclib_local/R", *shape_and_entries)
+
     G = matrix_of("/fclib_global/G", 54, 1, [1.0])
-    b = put("/fclib_global/vectors/b", [0.0])
-    message = said_of("rods_2_3c", several(G, b), tmp_path)
-    assert "/fclib_global/G is not empty" in message
+    for source, changes, told in (
+        ("nespheres_10", (V, s), "/fclib_local/R is missing"),
+        ("nespheres_10", (V, R(1, 1, [])), "/fclib_local/vectors/s is missing"),
+        ("nespheres_10", (V, s, R(1, 1, [1.0])), "/fclib_local/R is not zero"),
+        (
+            "nespheres_10",
+            (V, s, R(2, 2, [])),
+            "/fclib_local/R is (2, 2), expected (1, 1)",
+        ),
+        (
+            "rods_2_3c",
+            (G, put("/fclib_global/vectors/b", [0.0])),
+            "/fclib_global/G is not empty",
+        ),
+    ):
+        assert told in said_of(source, several(*changes), tmp_path)
     # An empty entry counts as absent.
-    target = tmp_path / "a.hdf5"
-    shutil.copyfile(path("rods_2_3c"), target)
-    with h5py.File(target, "r+") as file:
-        matrix_of("/fclib_global/G", 54, 0, [])(file)
-        file["/fclib_global/vectors/b"] = np.empty(0)
+    empty = matrix_of("/fclib_global/G", 54, 0, [])
+    nothing = put("/fclib_global/vectors/b", np.empty(0))
+    target = altered("rods_2_3c", several(empty, nothing), tmp_path)
     assert isinstance(fclib.read(target), fclib.GlobalProblem)
-    shutil.copyfile(path("nespheres_10"), target)
-    with h5py.File(target, "r+") as file:
-        several(V, s, matrix_of(R, 1, 1, []))(file)
-    read_back = fclib.read(target)
-    assert isinstance(read_back, bp.ReducedProblem)
-    assert read_back.rigid is not None
-    assert read_back.rigid[0][0, 0] == 1.0
-    np.testing.assert_array_equal(read_back.rigid[1], [2.0])
+    rigid = reduced(altered("nespheres_10", several(V, s, R(1, 1, [])), tmp_path)).rigid
+    assert rigid is not None
+    assert rigid[0][0, 0] == 1.0
+    np.testing.assert_array_equal(rigid[1], [2.0])
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("read", "change", "said"),
     [
-        (without("/solution/r"), "/solution/r is missing"),
-        (edit("/solution/u", shorter), "/solution/u has 245 entries, expected 246"),
-        (edit("/solution/v", spoil(0, np.nan)), "/solution/v is nan at position 0"),
-        (put("/solution/l", [1.0]), "/fclib_global/G is missing"),
-        (put("/solution/z", [1.0]), "/solution/z is unknown, not part of"),
+        (SOLUTION, without("/solution/r"), "/solution/r is missing"),
+        (SOLUTION, shorter("/solution/u"), "/solution/u has 245 entries, expected 246"),
+        (SOLUTION, spoil("/solution/v", 0, np.nan), "/solution/v is nan at position 0"),
+        (SOLUTION, put("/solution/l", [1.0]), "/fclib_global/G is missing"),
+        (SOLUTION, put("/solution/z", [1.0]), "/solution/z is unknown, not part of"),
+        (GUESSES, without(NUMBER), "number_of_guesses is missing"),
+        (GUESSES, put(NUMBER, [2]), "/guesses/2 is missing"),
+        (GUESSES, put(NUMBER, [0]), "/guesses/1 is unknown"),
+        (GUESSES, put(NUMBER, [-1]), "number_of_guesses is -1"),
+        (GUESSES, put(NUMBER, [2**30]), "number_of_guesses is 1073741824"),
+        (GUESSES, shorter("/guesses/1/u"), "/guesses/1/u has 245 entries"),
     ],
 )
-def test_a_wrong_solution_is_named(change: Change, said: str, tmp_path: Path) -> None:
+def test_wrong_solutions_and_guesses_are_named(
+    read: Callable[[Path], Any], change: Change, said: str, tmp_path: Path
+) -> None:
     with pytest.raises(ValueError, match=said):
-        fclib.read_solution(altered("box_stacks_i0122_82", change, tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (without("/guesses/number_of_guesses"), "number_of_guesses is missing"),
-        (put("/guesses/number_of_guesses", [2]), "/guesses/2 is missing"),
-        (put("/guesses/number_of_guesses", [0]), "/guesses/1 is unknown"),
-        (put("/guesses/number_of_guesses", [-1]), "number_of_guesses is -1"),
-        (put("/guesses/number_of_guesses", [2**30]), "number_of_guesses is 1073741824"),
-        (edit("/guesses/1/u", shorter), "/guesses/1/u has 245 entries"),
-    ],
-)
-def test_wrong_guesses_are_named(change: Change, said: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=said):
-        fclib.read_guesses(altered("box_stacks_i0122_82", change, tmp_path))
-
-
-def test_out_of_range_numbers_are_refused(tmp_path: Path) -> None:
-    """Valid numbers that are refused as a problem: the message still has the path."""
-    large = edit(LOCAL + "/W/x", lambda x: 1e300 * x)
-    small = edit(LOCAL + "/vectors/q", lambda q: 1e-300 * q)
-    message = said_of("nespheres_10", several(large, small), tmp_path)
-    assert "W and q cannot be scaled" in message
+        read(altered("box_stacks_i0122_82", change, tmp_path))
 
 
 def test_paths_that_are_not_files(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="none"):
-        fclib.read(tmp_path / "none.hdf5")
-    with pytest.raises(IsADirectoryError):
-        fclib.read(tmp_path)
+    half = path("nespheres_10").read_bytes()
+    (tmp_path / "b").write_bytes(half[: len(half) // 2])
     (tmp_path / "a").write_text("text")
-    with pytest.raises(ValueError, match="cannot be read as HDF5"):
-        fclib.read(tmp_path / "a")
-    whole = path("nespheres_10").read_bytes()
-    (tmp_path / "b").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(ValueError, match="b cannot be read as HDF5"):
-        fclib.read(tmp_path / "b")
+    wrong: list[tuple[Any, type[Exception], str]] = [
+        (tmp_path / "none.hdf5", FileNotFoundError, "none"),
+        (tmp_path, IsADirectoryError, "."),
+        (tmp_path / "a", ValueError, "cannot be read as HDF5"),
+        (tmp_path / "b", ValueError, "b cannot be read as HDF5"),
+        (3, TypeError, "path is a int, expected the name of a file"),
+    ]
+    for place, error, said in wrong:
+        with pytest.raises(error, match=said):
+            fclib.read(place)
+    with pytest.raises(TypeError, match="path is a int, expected the name of a file"):
+        fclib.write(3, pressed.square())  # type: ignore[arg-type]
+    missing = tmp_path / "none" / "a.hdf5"
+    with pytest.raises(FileNotFoundError) as refused:
+        fclib.write(missing, pressed.square())
+    reason = os.strerror(errno.ENOENT)
+    assert str(refused.value) == f"cannot write {missing}: {reason}"
 
 
-def test_unused_space_is_not_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("source", "name", "arrays"),
+    [("nespheres_10", LOCAL + "/W", "ix"), ("fe_cube_h8_9c", GLOBAL + "/M", "ipx")],
+)
+def test_unused_space_is_not_read(
+    source: str, name: str, arrays: str, tmp_path: Path
+) -> None:
     """Arrays have nzmax entries; only nz of them, or those up to the last pointer, count."""
-    target = tmp_path / "a.hdf5"
-    for source, name in (
-        ("nespheres_10", LOCAL + "/W"),
-        ("fe_cube_h8_9c", GLOBAL + "/M"),
-    ):
-        shutil.copyfile(path(source), target)
-        with h5py.File(target, "r+") as file:
-            room = int(file[name]["nzmax"][0]) + 5
-            put(name + "/nzmax", [room])(file)
-            for letter in ("i", "p", "x") if "global" in name else ("i", "x"):
-                whole = np.concatenate([file[name][letter][:], np.full(5, 10**6)])
-                put(f"{name}/{letter}", whole)(file)
-        ours, theirs = fclib.read(target), fclib.read(path(source))
-        letter = name[-1]
-        assert parts(getattr(ours, letter)) == parts(getattr(theirs, letter))
+    longer = [
+        edit(f"{name}/{letter}", lambda array: np.append(array, np.full(5, 10**6)))
+        for letter in arrays
+    ]
+    room = edit(f"{name}/nzmax", lambda count: count + 5)
+    target = altered(source, several(room, *longer), tmp_path)
+    ours, theirs = fclib.read(target), fclib.read(path(source))
+    assert parts(getattr(ours, name[-1])) == parts(getattr(theirs, name[-1]))
+
+
+def vectors(*shapes: tuple[int, ...], of: float = 0.0) -> fclib.Vectors:
+    return fclib.Vectors(*(np.full(shape, of) for shape in shapes))
 
 
 @pytest.mark.parametrize(
@@ -552,7 +533,7 @@ def test_unused_space_is_not_read(tmp_path: Path) -> None:
         ({"guesses": [3]}, TypeError, r"guesses\[0\] is a int"),
         ({"info": {"name": "x"}}, ValueError, "info has 'name', expected title"),
         (
-            {"solution": fclib.Vectors(np.zeros((1, 2)), np.zeros((1, 2)))},
+            {"solution": vectors((1, 2), (1, 2))},
             ValueError,
             "u of solution has shape",
         ),
@@ -562,7 +543,7 @@ def test_unused_space_is_not_read(tmp_path: Path) -> None:
             "r of solution is nan",
         ),
         (
-            {"solution": fclib.Vectors(np.zeros((7, 2)), np.zeros((7, 2)), np.ones(2))},
+            {"solution": vectors((7, 2), (7, 2), (2,))},
             ValueError,
             "v of solution should be None: the problem has none",
         ),
@@ -571,25 +552,10 @@ def test_unused_space_is_not_read(tmp_path: Path) -> None:
 def test_wrong_arguments(
     arguments: dict[str, Any], error: type[Exception], said: str, tmp_path: Path
 ) -> None:
+    given = {"path": tmp_path / "a.hdf5", "problem": pressed.square()} | arguments
     with pytest.raises(error, match=said):
-        fclib.write(
-            **({"path": tmp_path / "a.hdf5", "problem": pressed.square()} | arguments)
-        )
+        fclib.write(**given)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_messages_name_the_file(tmp_path: Path) -> None:
-    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
-    words = "path is a int, expected the name of a file"
-    with pytest.raises(TypeError, match=words):
-        fclib.write(3, problem)  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match=words):
-        fclib.read(3)  # type: ignore[arg-type]
-    missing = tmp_path / "none" / "a.hdf5"
-    with pytest.raises(FileNotFoundError) as refused:
-        fclib.write(missing, problem)
-    reason = os.strerror(errno.ENOENT)
-    assert str(refused.value) == f"cannot write {missing}: {reason}"
 
 
 def test_without_h5py_the_extra_is_named(
@@ -597,13 +563,10 @@ def test_without_h5py_the_extra_is_named(
 ) -> None:
     # With None in its place, Python does not find the module.
     monkeypatch.setitem(sys.modules, "h5py", None)
-    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
     for call in (
         lambda: fclib.read(tmp_path / "a.hdf5"),
-        lambda: fclib.write(tmp_path / "a.hdf5", problem),
+        lambda: fclib.write(tmp_path / "a.hdf5", pressed.square()),
         lambda: bp.load(tmp_path / "a.h5"),
     ):
-        with pytest.raises(
-            ModuleNotFoundError, match=r"h5py.*pip install 'bipot-rs\[io\]'"
-        ):
+        with pytest.raises(ModuleNotFoundError, match=r"h5py.*'bipot-rs\[io\]'"):
             call()
