@@ -1,7 +1,7 @@
 """The iterative engine gives the answers of the direct one, or says that it cannot."""
 
-import pickle
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -12,13 +12,73 @@ import bipot_rs as bp
 from bipot_rs.contact.errors import NotIterativeError
 from bipot_rs.contact.path.prepared import PreparedStiffness
 from support.body_models import floating, on_a_ball, on_springs, order_two, warmed
+from support.models_and_arrays import arguments
 from support.pressed_in_space import arrays, pressed
-from support.rollers import roller
-from support.runs import bipot
+from support.rollers import block, roller
+
+pytestmark = pytest.mark.needs_extra
 
 # Both engines reach η = 1e-12 in the smallest units of the scene. Errors of the reactions
 # are larger by the condition of the contacts, and those of the steps of a path add up.
 CLOSE = 1e-9
+
+
+def pressed_block(gap: float = 0.0, mu: float = 0.3, **body: Any) -> bp.Model:
+    """A block pressed onto a plane and sheared, with its own places of nodes."""
+    m = block(8, 3, **body)
+    m = m.with_(support=[])
+    m.obstacle("table", plane={"point": [0.0, 0.0, gap], "normal": [0.0, 0.0, -1.0]})
+    m.contact("block.top", against="table", mu=mu)
+    moves = {"x": m.times(0.012, "shear"), "z": m.times(0.02, "press")}
+    m.support("block.bottom", **{"x": 0.0, "y": 0.0, "z": 0.0} | moves)
+    m.path(press=[0.6, 1.0], shear=[0.0, 1.0])
+    return m
+
+
+def graded(ratio: float) -> bp.Model:
+    """Cells that become flat towards the contact, the last one by ``ratio``."""
+    sizes = np.geomspace(1.0, 1.0 / ratio, 8)
+    z = np.concatenate([[-1.0], -1.0 + np.cumsum(sizes) / sizes.sum()])
+    z[-1] = 0.0
+    return pressed_block(z=z)
+
+
+def two_blocks(contrast: float, fine: int = 8) -> bp.Model:
+    """A block on a softer or stiffer one, with a matching surface."""
+    m = bp.Model("Two blocks")
+    m.material("lower", young=1000.0, poisson=0.3)
+    m.material("upper", young=1000.0 * contrast, poisson=0.3)
+    side = np.linspace(0.0, 1.0, fine + 1)
+    m.body("low", material="lower", cell="hexahedron", x=side, y=side, z=side - 1.0)
+    m.body("high", material="upper", cell="hexahedron", x=side, y=side, z=side)
+    m.support("low.bottom", x=0.0, y=0.0, z=0.0)
+    m.support("high.top", x=m.times(0.01, "shear"), y=0.0, z=m.times(-0.02, "press"))
+    m.contact("high.bottom", against="low.top", mu=0.3)
+    m.path(press=[0.6, 1.0], shear=[0.0, 1.0])
+    return m
+
+
+def column(slenderness: float) -> bp.Model:
+    side = np.linspace(-0.5, 0.5, 4)
+    z = np.linspace(-slenderness, 0.0, 41)
+    return pressed_block(x=side, y=side, z=z)
+
+
+def strip() -> bp.Model:
+    """A slender body: rows of K balance to the last digit long before the bending does."""
+    m = bp.Model("Strip")
+    m.material("steel", young=210e9, poisson=0.3)
+    long, high = np.linspace(0, 1.0, 81), np.linspace(0, 2e-3, 3)
+    m.body("strip", material="steel", cell="quadrilateral", x=long, y=high)
+    m.support("strip.left", x=0.0, y=0.0)
+    m.contact("strip.bottom", plane={"point": [0, -1e-4], "normal": [0, 1]}, mu=0.2)
+    m.body_force("strip", y=m.times(-7.7e4, "weight"))
+    m.path(weight=[0.2, 1.0])
+    return m
+
+
+def nearly_incompressible(poisson: float) -> bp.Model:
+    return pressed(6).with_(**{"material.soft.poisson": poisson})
 
 
 MODELS: dict[str, Callable[[], bp.Model]] = {
@@ -36,11 +96,29 @@ MODELS: dict[str, Callable[[], bp.Model]] = {
     "initial strain": warmed,
     "a roller": roller,
     "automatic steps": lambda: roller({"slip": 0.05}),
+    "poisson 0.45": lambda: nearly_incompressible(0.45),
+    "poisson 0.499": lambda: nearly_incompressible(0.499),
+    "cells flat by 10": lambda: graded(10.0),
+    "cells flat by 1000": lambda: graded(1000.0),
+    "long cells": lambda: pressed_block(z=np.linspace(-20.0, 0.0, 5)),
+    "almost no friction": lambda: pressed_block(mu=1e-8),
+    "friction of 10000": lambda: pressed_block(mu=1e4),
+    "a small gap": lambda: pressed_block(gap=1e-9),
+    "a gap of rounding": lambda: pressed_block(gap=1e-16),
+    "a soft block on a stiff one": lambda: two_blocks(1e-6),
+    "a stiff block on a soft one": lambda: two_blocks(1e6),
+    "a slender column": lambda: column(30.0),
+    "a thin plate": lambda: pressed_block(
+        x=np.linspace(-20.0, 20.0, 13), y=np.linspace(-20.0, 20.0, 13)
+    ),
+    "a slender strip": strip,
 }
+# What may be left to the direct engine.
+HARDEST = ("a stiff block on a soft one", "a slender strip")
 
 
-def solved(model: bp.Model, engine: str) -> Any:
-    model.solver(engine=engine, tol=1e-12)
+def solved(model: bp.Model, engine: str, tol: float = 1e-12) -> Any:
+    model.solver(engine=engine, tol=tol)
     return model.solve()
 
 
@@ -48,14 +126,15 @@ def solved(model: bp.Model, engine: str) -> Any:
 def test_both_engines_agree(name: str) -> None:
     direct = solved(MODELS[name](), "direct")
     iterative = solved(MODELS[name](), "iterative")
-    assert len(direct) == len(iterative)
+    # The amplification of the rounding of K by bending is about 1e6.
+    close = 1e-8 if name == "a slender strip" else CLOSE
     for ours, theirs in zip(iterative, direct, strict=True):
         assert ours.converged
-        assert "krylov" in ours.stats
+        assert "krylov" in ours.stats or name in HARDEST
         assert "krylov" not in theirs.stats
         for what in ("reaction", "displacement"):
             a, b = getattr(ours, what), getattr(theirs, what)
-            assert np.abs(a - b).max() <= CLOSE * np.abs(b).max(), what
+            assert np.abs(a - b).max() <= close * np.abs(b).max(), what
         # A status may differ where a contact is on the border of two.
         closed = np.linalg.norm(theirs.reaction, axis=1)
         clear = closed > 1e-6 * closed.max()
@@ -65,21 +144,24 @@ def test_both_engines_agree(name: str) -> None:
 
 
 @pytest.mark.parametrize("n", [6, 12])
-def test_work_does_not_grow_with_the_mesh(n: int) -> None:
-    """Krylov iterations of both steps; the trial programs took 60 to 80 at any size."""
-    result = solved(pressed(n), "iterative")
-    assert sum(step.stats["krylov"] for step in result) <= 90
-    assert sum(step.stats["newton"] for step in result) <= 20
-
-
-@pytest.mark.parametrize("poisson", [0.45, 0.49, 0.499])
-def test_nearly_incompressible(poisson: float) -> None:
-    model = pressed(6).with_(**{"material.soft.poisson": poisson})
-    direct, ours = solved(model, "direct"), solved(model, "iterative")
-    assert ours.success
-    np.testing.assert_allclose(
-        ours.reaction, direct.reaction, rtol=0, atol=CLOSE * direct.reaction.max()
+@pytest.mark.parametrize(("located", "most"), [(True, 90), (False, 150)])
+def test_work_does_not_grow_with_the_mesh(located: bool, most: int, n: int) -> None:
+    """Krylov iterations of both steps; the trial programs took 60 to 80 at any size. Without
+    coordinates the vectors that replace the rotations are rough.
+    """
+    arguments, prescribed = arrays(n)
+    direct = bp.ContactProblem(**arguments, engine="direct")
+    expected = direct.solve(prescribed=prescribed, tol=1e-12)
+    if not located:
+        del arguments["coordinates"]
+    result = bp.ContactProblem(**arguments, engine="iterative").solve(
+        prescribed=prescribed, tol=1e-12
     )
+    r = expected.reaction
+    assert np.abs(result.reaction - r).max() <= CLOSE * r.max()
+    np.testing.assert_array_equal(result.status, expected.status)
+    assert sum(step.stats["krylov"] for step in result) <= most
+    assert sum(step.stats["newton"] for step in result) <= 20
 
 
 @pytest.mark.parametrize("located", [True, False])
@@ -95,108 +177,17 @@ def test_units_do_not_matter(located: bool) -> None:
         assert np.abs(r - reference).max() <= CLOSE * np.abs(reference).max()
 
 
-def test_threads_do_not_change_a_bit() -> None:
-    arguments, prescribed = arrays(8)
-    first_run, two = (
-        bp.ContactProblem(**arguments, engine="iterative", num_threads=k).solve(
-            prescribed=prescribed
-        )
-        for k in (1, 2)
-    )
-    np.testing.assert_array_equal(first_run.reaction, two.reaction)
-    np.testing.assert_array_equal(first_run.displacement, two.displacement)
-
-
-@pytest.mark.parametrize("located", [True, False])
-def test_degrees_of_freedom_by_components(located: bool) -> None:
-    arguments, prescribed = arrays()
-    n = arguments["K"].shape[0]
-    order = np.arange(n).reshape(-1, 3).T.ravel()
-    other = arguments | {
-        "K": arguments["K"].tocsr()[order][:, order],
-        "B": arguments["B"].tocsr()[:, order],
-        "fixed": np.argsort(order)[arguments["fixed"]],
-        "coordinates": arguments["coordinates"][order],
-    }
-    if not located:
-        del arguments["coordinates"], other["coordinates"]
-    a, b = (
-        bp.ContactProblem(**permuted, engine="iterative").solve(prescribed=prescribed)
-        for permuted in (arguments, other)
-    )
-    assert np.abs(a.reaction - b.reaction).max() <= CLOSE * a.reaction.max()
-
-
-class TestWithoutCoordinates:
-    """Nodes and near-null vectors come from K and B."""
-
-    @pytest.mark.parametrize("n", [6, 12])
-    def test_the_answer_and_the_work(self, n: int) -> None:
-        arguments, prescribed = arrays(n)
-        direct = bp.ContactProblem(**arguments, engine="direct").solve(
-            prescribed=prescribed, tol=1e-12
-        )
-        del arguments["coordinates"]
-        ours = bp.ContactProblem(**arguments, engine="iterative").solve(
-            prescribed=prescribed, tol=1e-12
-        )
-        r = direct.reaction
-        assert np.abs(ours.reaction - r).max() <= CLOSE * r.max()
-        np.testing.assert_array_equal(ours.status, direct.status)
-        # With coordinates 90 are enough; the vectors that replace the rotations are rough.
-        assert sum(step.stats["krylov"] for step in ours) <= 150
-
-    def test_a_body_without_supports_is_refused(self) -> None:
-        """Whether contact holds it, only its rigid motions tell."""
-        arguments, _ = arrays()
-        del arguments["coordinates"], arguments["fixed"]
-        with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
-            bp.ContactProblem(**arguments, engine="iterative")
-
-    @pytest.mark.parametrize("n", [4, 6, 8, 9])
-    def test_a_body_that_can_turn_is_refused(self, n: int) -> None:
-        """Two nodes are held: the body turns about the line through them, and K resists this by
-        its rounding, which differs with the size.
-        """
-        arguments, _ = arrays(n)
-        del arguments["coordinates"]
-        arguments["fixed"] = arguments["fixed"].reshape(-1, 3)[:2].ravel()
-        with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
-            bp.ContactProblem(**arguments, engine="iterative")
-
-
-def test_a_path_continues_and_survives_a_pickle() -> None:
-    arguments, prescribed = arrays()
-    problem = bp.ContactProblem(**arguments, engine="iterative")
-    whole = problem.solve(prescribed=prescribed)
-    first = problem.solve(prescribed=prescribed[:1])
-    again = pickle.loads(pickle.dumps(problem))
-    assert again.stats["engine"] == "iterative"
-    for problem_of_path in (problem, again):
-        rest = problem_of_path.solve(prescribed=prescribed[1:], start=first)
-        np.testing.assert_array_equal(rest.reaction[0], whole.reaction[1])
-
-
-def test_a_path_with_open_contacts_continues_to_the_same_bits() -> None:
-    case = on_a_ball().assemble()
-    model = case.model
-    made = [
-        bp.ContactProblem(
-            model.K,
-            model.B,
-            gap=model.gap,
-            mu=model.mu,
-            fixed=model.fixed,
-            coordinates=np.repeat(model.nodes, 3, axis=0),
-            engine="iterative",
-        )
-        for _ in range(2)
-    ]
-    whole = made[0].solve(prescribed=case.prescribed)
-    rest = made[1].solve(prescribed=case.prescribed[2:], start=whole[1])
-    assert (whole[1].status == bp.Status.OPEN).any()
-    np.testing.assert_array_equal(rest.reaction[0], whole.reaction[2])
-    np.testing.assert_array_equal(rest.displacement[0], whole.displacement[2])
+@pytest.mark.parametrize(("n", "nodes"), [(4, 0), (4, 2), (6, 2), (8, 2), (9, 2)])
+def test_without_coordinates_motions_are_not_known(n: int, nodes: int) -> None:
+    """Whether contact holds a body, only its rigid motions tell. Two nodes are held: it turns
+    about the line through them, and K resists this by its rounding, which differs with the
+    size.
+    """
+    arguments, _ = arrays(n)
+    del arguments["coordinates"]
+    arguments["fixed"] = arguments["fixed"].reshape(-1, 3)[:nodes].ravel()
+    with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
+        bp.ContactProblem(**arguments, engine="iterative")
 
 
 def test_many_cases_and_other_friction() -> None:
@@ -240,29 +231,6 @@ def test_the_direct_engine_replaces_it_where_it_stalls(
         assert "not converged" in outcome.message
 
 
-def test_the_summary_names_the_engine() -> None:
-    arguments, _ = arrays()
-    text = str(bp.ContactProblem(**arguments, engine="iterative"))
-    assert "engine" in text
-    assert "iterative: it was asked for" in text
-
-
-def test_a_slender_body_is_right_or_left_to_the_direct_engine() -> None:
-    """Rows of K balance to the last digit long before the bending does."""
-    m = bp.Model("Strip")
-    m.material("steel", young=210e9, poisson=0.3)
-    long, high = np.linspace(0, 1.0, 81), np.linspace(0, 2e-3, 3)
-    m.body("strip", material="steel", cell="quadrilateral", x=long, y=high)
-    m.support("strip.left", x=0.0, y=0.0)
-    m.contact("strip.bottom", plane={"point": [0, -1e-4], "normal": [0, 1]}, mu=0.2)
-    m.body_force("strip", y=m.times(-7.7e4, "weight"))
-    m.path(weight=[0.2, 1.0])
-    direct, ours = solved(m, "direct"), solved(m, "iterative")
-    u = direct.displacement
-    # The amplification of the rounding of K by bending is about 1e6.
-    assert np.abs(ours.displacement - u).max() <= 1e-8 * np.abs(u).max()
-
-
 def test_a_body_that_can_turn_is_refused() -> None:
     """Two contact nodes: the body turns about the line through them."""
     arguments, _ = arrays()
@@ -289,41 +257,71 @@ def test_few_digits_of_a_floating_body_are_no_springs() -> None:
         bp.ContactProblem(**arguments | {"K": rounded}, engine="iterative")
 
 
-class TestRefusals:
-    """Each names the reason and the way out."""
-
-    def test_other_methods(self) -> None:
-        arguments, prescribed = arrays()
-        problem = bp.ContactProblem(**arguments, engine="iterative")
-        with pytest.raises(ValueError, match=r"'uzawa'.*engine='direct'"):
-            problem.solve(prescribed=prescribed, method="uzawa")
-
-    def test_the_compliance(self) -> None:
-        arguments, prescribed = arrays()
-        problem = bp.ContactProblem(**arguments, engine="iterative")
-        with pytest.raises(ValueError, match=r"compliance W.*engine='direct'"):
-            _ = problem.compliance
-        step = problem.solve(prescribed=prescribed)[-1]
-        assert step.unique == "unknown"
-        assert "engine='direct'" in step.error.reason
-
-    def test_unknown_engine(self) -> None:
-        arguments, _ = arrays()
-        with pytest.raises(ValueError, match="engine is 'iterativ', expected"):
-            bp.ContactProblem(**arguments, engine="iterativ")
-
-    def test_asymmetric_stiffness(self) -> None:
-        arguments, _ = arrays()
-        wrong = arguments["K"].tolil()
-        wrong[0, 1] += 1.0
-        with pytest.raises(ValueError, match="not symmetric"):
-            bp.ContactProblem(**arguments | {"K": wrong.tocsr()}, engine="iterative")
+def test_what_the_engine_refuses() -> None:
+    """Each message names the reason and the way out."""
+    arguments, prescribed = arrays()
+    problem = bp.ContactProblem(**arguments, engine="iterative")
+    with pytest.raises(ValueError, match=r"'uzawa'.*engine='direct'"):
+        problem.solve(prescribed=prescribed, method="uzawa")
+    with pytest.raises(ValueError, match=r"compliance W.*engine='direct'"):
+        _ = problem.compliance
+    step = problem.solve(prescribed=prescribed)[-1]
+    assert step.unique == "unknown"
+    assert "engine='direct'" in step.error.reason
+    with pytest.raises(ValueError, match="engine is 'iterativ', expected"):
+        bp.ContactProblem(**arguments, engine="iterativ")
+    wrong = arguments["K"].tolil()
+    wrong[0, 1] += 1.0
+    with pytest.raises(ValueError, match="not symmetric"):
+        bp.ContactProblem(**arguments | {"K": wrong.tocsr()}, engine="iterative")
 
 
-def test_the_file_names_the_engine(tmp_path: Any) -> None:
-    out = tmp_path / "out"
+def test_the_file_names_the_engine(tmp_path: Path, bipot: Any) -> None:
     asked = ("--set", "mesh.n=5", "--engine", "iterative", "--out", "out")
-    bipot("run", "sheared_cube", *asked, cwd=tmp_path)
-    with h5py.File(out / "result.h5") as file:
+    assert bipot("run", "sheared_cube", *asked)[0] == 0
+    with h5py.File(tmp_path / "out" / "result.h5") as file:
         assert file.attrs["engine"] == "iterative"
-    assert bp.load(out / "result.h5")[-1].stats["krylov"] > 0
+    assert bp.load(tmp_path / "out" / "result.h5")[-1].stats["krylov"] > 0
+
+
+def test_a_soft_end_settles_although_large_reactions_hide_it() -> None:
+    """A strip clamped between a plane and 1e6 times the force that bends its free end."""
+    m = bp.Model("Strip")
+    m.material("steel", young=210e9, poisson=0.3)
+    long, high = np.linspace(0.0, 1.0, 321), np.linspace(0.0, 0.05, 13)
+    m.body("strip", material="steel", cell="quadrilateral", x=long, y=high)
+    m.support("strip.left", x=0.0, y=0.0)
+    plane = {"point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    m.contact("strip.bottom", plane=plane, mu=0.2, within={"x": [0.0, 0.1]})
+    model = m.assemble().model
+    x, y = model.nodes.T
+    load = np.zeros((len(x), 2))
+    pressed_part, end = (y > 0.049) & (x < 0.1), x > 0.999
+    load[pressed_part, 1] = -1e8 / pressed_part.sum()
+    load[end, 1] = 1e2 / end.sum()
+
+    def displacement(engine: str, tol: float) -> Any:
+        problem = bp.ContactProblem(**arguments(model), engine=engine)
+        return problem.solve(load.ravel(), tol=tol)[0].displacement
+
+    right, ours = displacement("direct", 1e-12), displacement("iterative", 1e-3)
+    # The residual is below 1e-3 long before the end has come to rest.
+    assert np.abs(ours - right).max() <= 1e-3 * np.abs(right).max()
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-7])
+def test_the_estimated_error_is_not_below_the_error(tol: float) -> None:
+    right = solved(pressed_block(), "direct")[-1]
+    step = solved(pressed_block(), "iterative", tol)[-1]
+    r, v = step.reaction, step.relative_displacement
+    errors = [
+        np.linalg.norm(r - right.reaction) / np.linalg.norm(right.reaction),
+        np.linalg.norm(v - right.relative_displacement)
+        / np.linalg.norm(right.relative_displacement),
+    ]
+    assert step.error_estimate is not None
+    for error, estimate in zip(errors, step.error_estimate, strict=True):
+        # One V-cycle removes some two thirds of an error, and the estimate is multiplied by
+        # what the linear solver lacked: within a small factor of the error.
+        assert error <= 3 * estimate + 1e-12
+        assert estimate <= 10 * error + 1e-12

@@ -1,5 +1,6 @@
 """The iterative engine takes every scene: random joints with and without nodes of their own."""
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -7,10 +8,20 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import scene
+from support.body_models import on_a_ball
+from support.comparisons import bits
 from support.lap_joint import lap_joint
+from support.models_and_arrays import arguments
+from support.pressed_in_space import pressed
 from support.random_joints import CLASSES, random_joint
 
 pytestmark = pytest.mark.needs_extra
+
+
+def close(found: Any, expected: Any) -> None:
+    """η of the direct engine is 1e-12; contrast 1e6 costs it four digits."""
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * size)
 
 
 def solved(problem: dict[str, Any], load: Any, engine: str, **more: Any) -> bp.Result:
@@ -38,14 +49,8 @@ def test_both_engines_agree(kind: str, dim: int) -> None:
             forces = [
                 (problem["B"].T @ s.reaction.ravel())[free] for s in (step, other)
             ]
-            # η of the direct engine is 1e-12; contrast 1e6 costs it four digits.
-            np.testing.assert_allclose(
-                *forces, rtol=0, atol=1e-8 * np.abs(forces[1]).max()
-            )
-            moved = step.displacement, other.displacement
-            np.testing.assert_allclose(
-                *moved, rtol=0, atol=1e-8 * np.abs(moved[1]).max()
-            )
+            close(*forces)
+            close(step.displacement, other.displacement)
     assert own >= (0 if (kind, dim) == ("all", 3) else 1)
 
 
@@ -59,56 +64,77 @@ def test_statuses_settle_beside_stiff_bodies(kind: str, dim: int, seed: int) -> 
     result, expected = (solved(problem, load, e) for e in ("iterative", "direct"))
     for step, other in zip(result, expected, strict=True):
         assert "krylov" in step.stats
-        # As in `test_both_engines_agree`.
-        np.testing.assert_allclose(
-            step.displacement,
-            other.displacement,
-            rtol=0,
-            atol=1e-8 * np.abs(other.displacement).max(),
-        )
+        close(step.displacement, other.displacement)
 
 
-@pytest.mark.parametrize("kind", ["symmetry", "oblique", "groove"])
+BLOCKS = ("block", "without coordinates", "open contacts")
+
+
+def iterated(kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Arguments of a problem, and its loads or prescribed displacements."""
+    if kind not in BLOCKS:
+        problem, load = random_joint(kind, 3, 2)
+        return problem, {"load": load}
+    model = on_a_ball() if kind == "open contacts" else pressed(4)
+    case = model.assemble()
+    problem = arguments(case.model)
+    if kind == "without coordinates":
+        del problem["coordinates"]
+    return problem, {"prescribed": case.prescribed}
+
+
+KINDS = pytest.mark.parametrize("kind", [*BLOCKS, "symmetry", "oblique", "groove"])
+
+
+def followed(problem: dict[str, Any], path: dict[str, Any], **more: Any) -> bp.Result:
+    made = bp.ContactProblem(**problem, engine="iterative", **more)
+    return made.solve(**path, tol=1e-12)
+
+
+@KINDS
 def test_threads_do_not_change_a_bit(kind: str) -> None:
-    problem, load = random_joint(kind, 3, 2)
-    one, two = (solved(problem, load, "iterative", num_threads=k) for k in (1, 2))
-    np.testing.assert_array_equal(one.reaction, two.reaction)
-    np.testing.assert_array_equal(one[-1].displacement, two[-1].displacement)
+    problem, path = iterated(kind)
+    assert bits(*(followed(problem, path, num_threads=k) for k in (1, 2)))
 
 
-@pytest.mark.parametrize("kind", ["symmetry", "oblique", "groove"])
+@KINDS
 def test_a_path_continues_to_the_same_bits(kind: str) -> None:
-    problem, load = random_joint(kind, 3, 2)
-    whole = solved(problem, load, "iterative")
-    path = bp.ContactProblem(**problem, engine="iterative")
-    first = path.solve(load[:1], tol=1e-12)
-    rest = path.solve(load[1:], tol=1e-12, start=first)
-    np.testing.assert_array_equal(whole[-1].reaction, rest[-1].reaction)
+    """Also in a problem of its own, and in another process."""
+    problem, path = iterated(kind)
+    made = bp.ContactProblem(**problem, engine="iterative")
+    whole = made.solve(**path, tol=1e-12)
+    first = {name: x[:1] for name, x in path.items()}
+    rest = {name: x[1:] for name, x in path.items()}
+    start = made.solve(**first, tol=1e-12)
+    for other in (made, pickle.loads(pickle.dumps(made))):
+        assert other.stats["engine"] == "iterative"
+        assert bits(other.solve(**rest, tol=1e-12, start=start), whole[1:])
+    assert bits(followed(problem, rest | {"start": start}), whole[1:])
 
 
-def test_components_first_and_other_units_do_not_matter() -> None:
-    """Degrees of freedom by components, K in other units: the same problem with copies."""
-    problem, load = random_joint("oblique", 3, 2)
-    expected = solved(problem, load, "iterative")
+@pytest.mark.parametrize("kind", ["block", "without coordinates", "oblique"])
+def test_components_first_and_other_units_do_not_matter(kind: str) -> None:
+    """Degrees of freedom by components, K in other units: the same problem."""
+    problem, path = iterated(kind)
+    expected = followed(problem, path)
     n = problem["K"].shape[0]
     order = np.arange(n).reshape(-1, 3).T.ravel()
     turned = problem | {
-        "K": problem["K"][order][:, order] * 1e7,
-        "B": problem["B"][:, order],
-        "fixed": np.flatnonzero(np.isin(order, problem["fixed"])),
-        "coordinates": problem["coordinates"][order],
+        "K": problem["K"].tocsr()[order][:, order] * 1e7,
+        "B": problem["B"].tocsr()[:, order],
+        "fixed": np.argsort(order)[problem["fixed"]],
     }
-    if "cohesion" in turned:
-        turned["cohesion"] = turned["cohesion"] * 1e7
-    result = solved(turned, load[:, order] * 1e7, "iterative")
+    for name in ("coordinates", "cohesion"):
+        if name in problem:
+            turned[name] = (
+                problem[name][order] if name == "coordinates" else problem[name] * 1e7
+            )
+    if "load" in path:
+        path = {"load": path["load"][:, order] * 1e7}
+    result = followed(turned, path)
     for step, other in zip(result, expected, strict=True):
         assert "krylov" in step.stats
-        np.testing.assert_allclose(
-            step.displacement,
-            other.displacement[order],
-            rtol=0,
-            atol=1e-8 * np.abs(other.displacement).max(),
-        )
+        close(step.displacement, other.displacement[order])
 
 
 # Krylov iterations: 621 and 1942, and a third more for other machines.
@@ -124,11 +150,8 @@ def test_a_lap_joint_takes_few_iterations(symmetric: bool, most: int) -> None:
     assert {0, 1, 2} == set(result.status.ravel().tolist())
     assert sum(step.stats["krylov"] for step in result) <= most
     for step, other in zip(result, expected, strict=True):
-        for one, two in (
-            (step.reaction, other.reaction),
-            (step.displacement, other.displacement),
-        ):
-            np.testing.assert_allclose(one, two, rtol=0, atol=1e-8 * np.abs(two).max())
+        close(step.reaction, other.reaction)
+        close(step.displacement, other.displacement)
 
 
 @pytest.mark.slow
