@@ -204,14 +204,6 @@ def test_friction_by_pairs() -> None:
         bp.blocks.assemble(blocks, {("ground", "a"): 0.2})
 
 
-def test_the_verdict_names_the_blocks() -> None:
-    problem = assemble(stone(2, 1, space=False), 0.3, gravity=[0.4, -1.0])
-    verdict = problem.existence()
-    assert verdict.verdict == "none"
-    assert "block 'stone' moves along x by" in verdict.reason
-    assert "block 'stone' moves" in problem.solve().message
-
-
 def test_words_for_a_motion() -> None:
     blocks = [box("ground", (-9, -1), (9, 0), support=True)]
     blocks += [box("a", (0, 0), (2, 2)), box("b", (3, 0), (5, 2))]
@@ -270,16 +262,6 @@ def test_blocks_that_cannot_be_assembled() -> None:
         bp.blocks.assemble([ground, box("b", (0, 0, 0), (1, 1, 1))], 0.5)
     with pytest.raises(TypeError, match="blocks has a str, expected Blocks"):
         bp.blocks.assemble(["ground"], 0.5)  # type: ignore[list-item]
-
-
-@pytest.mark.parametrize("length", [1e-3, 1e4])
-def test_the_limit_does_not_depend_on_the_unit(length: float) -> None:
-    limits = []
-    for factor in (1.0, length):
-        blocks = [Block(b.name, factor * b.points, support=b.support) for b in wall(1)]
-        problem = assemble(blocks, 0.65)
-        limits.append(find_balance(problem, problem.body_force([1.0, 0.0]))[1])
-    assert limits[0] == pytest.approx(limits[1], rel=1e-6)
 
 
 @pytest.mark.parametrize("space", [False, True])

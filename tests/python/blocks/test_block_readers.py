@@ -31,7 +31,6 @@ def test_an_assembly_of_compas() -> None:
 def test_interfaces_of_a_file() -> None:
     """An interlocking joint: those stored, and those found, which join what is coplanar."""
     blocks, stored, _ = read(DATA / "concave-short.json")
-    assert stored is not None
     found = bp.blocks.find_interfaces(blocks)
     assert (len(stored), len(found)) == (7, 6)
 

@@ -32,7 +32,6 @@ def find_misses(
 ) -> list[float]:
     """What is missed of balance, cones, gaps and friction, in units of force and length."""
     force, length = units
-    assert given.rigid is not None
     R, e = given.rigid
     r, a = solution.reaction, solution.rigid_motion
     v = (given.W @ r.ravel() + R @ a).reshape(r.shape) + given.q
@@ -52,7 +51,6 @@ def find_misses(
 def test_a_wall_is_solved_without_dense_motions(mu: float) -> None:
     """In any units, numbering and number of threads, in few Newton steps."""
     wall = build_wall(12, 8, mu)
-    assert wall.rigid is not None
     (R, e), (n, d) = wall.rigid, wall.q.shape
     assert R.shape[1] == 300
     solution = wall.solve(num_threads=1)

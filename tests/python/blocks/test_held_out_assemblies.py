@@ -87,7 +87,6 @@ def check(problem: BlockProblem) -> str:
         assert np.isinf(found.excluded)
         assert excludes_balance(R, e, problem.mu, found.motion, d)
     else:
-        assert found.reaction is not None
         # The smallest change that balances without rounding leaves no cone.
         r = found.reaction
         missing = R.T @ r.ravel() + e

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bipot_rs.blocks import Block, find_interfaces, make_interface
-from support.masonry import box, rotate, wall
+from support.masonry import box, rotate
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 
@@ -78,16 +78,6 @@ def test_a_face_that_is_not_convex() -> None:
     assert shared.area == pytest.approx(7.0, rel=1e-12)
     # The corners that carry all that the U can carry.
     assert sorted(map(tuple, shared.points[:, :2])) == [(0, 0), (0, 3), (3, 0), (3, 3)]
-
-
-def test_bricks_of_a_wall() -> None:
-    """Each brick touches at most two above, two below and two beside it."""
-    blocks = wall(3)
-    joints = find_interfaces(blocks)
-    count = np.bincount([k for j in joints for k in (j.first, j.second)][1:])
-    assert count[1:].max() <= 6
-    assert sum(len(j.points) for j in joints) == 2 * len(joints)
-    assert {round(j.area, 12) for j in joints} <= {0.2, 0.4, 0.175, 0.1}
 
 
 def test_the_order_of_blocks_turns_the_normal() -> None:

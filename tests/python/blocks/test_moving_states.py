@@ -108,16 +108,3 @@ def test_an_associated_wall_moves_at_its_static_limit(
         loads.append(float(-forward @ (wall.weight + wall.R.T @ r)))
     # The limit is known to six digits; joints of compliance 1 would add some tens.
     assert loads == pytest.approx([LIMITS[number]] * 2, abs=1e-6 + 100 * compliance)
-
-
-@pytest.mark.slow
-def test_a_wall_moves_alike_with_a_sparse_compliance_and_dense_motions() -> None:
-    wall = bench.build(3)
-    forward = wall.push / (wall.push @ wall.push)
-    across = np.linalg.svd(wall.push[None])[2][1:].T
-    W = diags_array(np.full(wall.R.shape[0], bench.COMPLIANCE)).tocsr()
-    q, rigid = (
-        (wall.R @ forward).reshape(-1, 2),
-        (wall.R @ across, across.T @ wall.weight),
-    )
-    assert bp.ReducedProblem(W, q, wall.mu, rigid=rigid).solve().converged

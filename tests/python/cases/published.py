@@ -39,7 +39,6 @@ def plate(n: int, steps: int = 5) -> tuple[fem.Assembly, Array, Any]:
     """The scene `raous_plate`: model, last load, result; contacts sorted by position."""
     read = scene.read("raous_plate", [f"mesh.n={n}", f"path.steps={steps}"])
     case = scene.assemble(read, scene.bodies(read))
-    assert case.load is not None
     result = case.model.problem().solve(case.load, case.prescribed, tol=1e-12)
     return case.model, case.load[-1], result
 

@@ -475,7 +475,6 @@ def bear_footing(mu: float, unit: float, length: float) -> float:
     load, dead = -np.eye(n + 1)[n], np.r_[structure.weight, 0.0]
     limits = bound_load(whole, load, dead)
     d = limits.mechanism
-    assert d is not None
     x, v = points.strains(d[:n]), (contacts.B @ d).reshape(-1, 2)
     # Rounding of the sums, which the proof itself does without.
     tiny = 1e-14 * np.abs(d).max()

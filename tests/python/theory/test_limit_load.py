@@ -62,7 +62,6 @@ def test_mechanism_of_plane_compression(beta: float, unit: float) -> None:
     # On both sides of the closed form, by more than the 1e-6 of the search.
     assert find_mechanism(structure, (1 - 3e-6) * limit * load) is None
     d = find_mechanism(structure, (1 + 3e-6) * limit * load)
-    assert d is not None
     assert np.abs(d).max() == 1.0
     assert not d[structure.fixed].any()
     # The proof, by the definitions.
@@ -133,12 +132,6 @@ def test_a_load_near_the_limit_is_carried() -> None:
     settled = [-step.displacement[1::2].min() for step in steps]
     # The settlement grows without bound as the load approaches the limit.
     assert settled[2] > 2 * settled[1] > 4 * settled[0]
-
-
-def test_supports_everywhere_leave_no_mechanism() -> None:
-    structure, load = block(0.2)
-    held = Structure([], structure.soils, None, np.arange(structure.n))
-    assert find_mechanism(held, 100 * load) is None
 
 
 def footing(
@@ -218,7 +211,6 @@ def test_ground_above_its_limit_is_refused_without_rounding(cells: int) -> None:
     borne = strain.T @ (points.weights[:, None] * points.rest).ravel()
     for share in (1.001, 1.1, 1.5, 2.7):
         motion = find_mechanism(ground, share * limit * load)
-        assert motion is not None, share
         moved, beyond = motion[free], share * limit * load[free] - borne
         assert excludes_balance(strain, beyond, points.law.mu, moved, points.d)
         assert excludes_balance(ground.B[:, free], beyond, 0.0, moved, 2)

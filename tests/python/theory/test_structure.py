@@ -63,7 +63,6 @@ def structure_of(
 
 def body_in(structure: Structure) -> fem.Body:
     (soil,) = structure.soils
-    assert isinstance(soil, Soil)
     return soil.body
 
 

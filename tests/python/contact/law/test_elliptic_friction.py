@@ -1,12 +1,8 @@
 """Friction with two coefficients: closed forms, an independent solver, symmetry."""
 
-from collections.abc import Iterator
-from itertools import product
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import root
 
 import bipot_rs as bp
 from support.methods import METHODS
@@ -43,18 +39,6 @@ class TestOneContact:
         solution = bp.ReducedProblem(self.W, [q], [self.MU]).solve(method, tol=1e-14)
         assert solution.converged
         return solution
-
-    @pytest.mark.parametrize("method", METHODS)
-    def test_sticks_within_the_ellipse_only(self, method: str) -> None:
-        # r_n = 1; the friction (0.4, 0.2) at 45° lies on the ellipse; tested on both sides.
-        edge = 3 * self.MU * np.sqrt(0.5)
-        held = self.solve([-2.0, *(0.99 * edge)], method)
-        assert held.status[0] == STICK
-        # η = 1e-14 for reactions of size one, and the scaling of W.
-        np.testing.assert_allclose(
-            held.reaction[0], [1, *(-0.99 * edge / 3)], atol=1e-13
-        )
-        assert self.solve([-2.0, *(1.01 * edge)], method).status[0] == SLIP
 
     def test_slides_obliquely_not_against_friction(self) -> None:
         # Slip along (3, 4): D v = (1.2, 0.8), of length √2.08. Friction is along
@@ -103,57 +87,6 @@ def test_every_method_finds_a_constructed_solution(method: str) -> None:
     )
 
 
-def _answers(W: Array, q: Array, mu: Array) -> Iterator[Array]:
-    """Reactions of all combinations of statuses that satisfy the law, by a root finder."""
-    n = len(q)
-    turn = np.arange(6) * np.pi / 3
-    sides = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    for status in product((OPEN, SLIP, STICK), repeat=n):
-        starts = [sides if s == SLIP else sides[:1] for s in status]
-        for side in product(*starts):
-
-            def rows(x: Array, status: tuple[int, ...] = status) -> Array:
-                r = x.reshape(n, 3)
-                v = (W @ x).reshape(n, 3) + q
-                out = np.where(np.array(status)[:, None] == OPEN, r, v)
-                for i in range(n):
-                    if status[i] == SLIP:
-                        steep = np.linalg.norm(mu[i] * v[i, 1:])
-                        out[i, 1:] = r[i, 1:] * steep + r[i, 0] * mu[i] ** 2 * v[i, 1:]
-                return np.asarray(out.ravel())
-
-            guess = np.zeros((n, 3))
-            guess[:, 0] = np.maximum(-q[:, 0] / W.diagonal()[::3], 0.1)
-            guess[:, 1:] = -guess[:, :1] * mu * np.array(side)
-            root_found = root(rows, guess.ravel(), tol=1e-13)
-            r, v = root_found.x.reshape(n, 3), (W @ root_found.x).reshape(n, 3) + q
-            if np.abs(root_found.fun).max() < 1e-10 and _fulfils(r, v, mu, status):
-                yield r
-                break
-
-
-def _fulfils(r: Array, v: Array, mu: Array, status: tuple[int, ...]) -> bool:
-    """The inequalities of the law; for slip, friction must also oppose it."""
-    inside = np.linalg.norm(r[:, 1:] / mu, axis=1) <= r[:, 0] * (1 + 1e-8) + 1e-9
-    against = np.array(
-        [s != SLIP or r[i, 1:] @ v[i, 1:] <= 0 for i, s in enumerate(status)]
-    )
-    return bool((inside & against & (r[:, 0] > -1e-9) & (v[:, 0] > -1e-9)).all())
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_an_exhaustive_solver_agrees(seed: int) -> None:
-    W, q, mu = random_problem(2, seed)
-    problem = bp.ReducedProblem(W, q, mu)
-    solution = problem.solve(tol=1e-13)
-    assert solution.unique == "proved"
-    branches = list(_answers(W, q, mu))
-    assert branches
-    for r in branches:
-        # The root finder satisfies the law to 1e-10; W has a condition below 10.
-        np.testing.assert_allclose(solution.reaction, r, atol=1e-8)
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_answers_fulfil_the_law_in_the_callers_variables(seed: int) -> None:
     """The fixed point (11) with the Euclidean projection, which no solver uses."""
@@ -171,7 +104,6 @@ def test_answers_fulfil_the_law_in_the_callers_variables(seed: int) -> None:
     size = (np.abs(r) * np.abs(v)).sum(axis=1).max()
     np.testing.assert_allclose(solution.bipotential_gap, work, atol=1e-14 * size)
     assert np.abs(work).max() <= 1e-10 * size
-    assert solution.error_estimate is not None
     assert max(solution.error_estimate) < 1e-9
 
 
@@ -215,19 +147,6 @@ class TestSymmetries:
         )
         assert (two.residual, two.work) == (scalar.residual, scalar.work)
 
-    def test_sparse_as_dense(self, seed: int) -> None:
-        from scipy.sparse import block_diag, csr_array
-
-        W, q, mu = random_problem(3, seed)
-        whole = csr_array(block_diag([W] * 30))
-        solution = bp.ReducedProblem(whole, np.tile(q, (30, 1)), np.tile(mu, (30, 1)))
-        single = bp.ReducedProblem(W, q, mu).solve(tol=1e-13)
-        sparse_solution = solution.solve(tol=1e-13)
-        assert sparse_solution.converged
-        np.testing.assert_allclose(
-            sparse_solution.reaction, np.tile(single.reaction, (30, 1)), atol=1e-11
-        )
-
 
 class TestHeldByFrictionAlone:
     """A plate on three contacts is pressed by 3 and pulled sideways: limit loads on an ellipse."""
@@ -252,7 +171,6 @@ class TestHeldByFrictionAlone:
         )
         let_go = self.problem(1.001 * limit * e).solve()
         assert let_go.outcome is bp.Outcome.NO_EQUILIBRIUM
-        assert let_go.free_motion is not None
         # The proof (theory, section 7): a motion d in the dual cone, v_n ≥ ‖D v_t‖, e·d > 0.
         d = let_go.free_motion
         assert d[0] >= np.linalg.norm(self.MU * d[1:]) * (1 - 1e-9)

@@ -121,7 +121,6 @@ def test_two_coefficients_reach_the_limit_of_the_ellipse() -> None:
         reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1
     )
     # The largest possible force along its own line is at least the force.
-    assert total_of_ring.used is not None
     assert total_of_ring.used <= 1
     # Along an axis of the ellipse both are equal.
     reaction = np.array([[2.0, 0.0, 2 * 0.2]])

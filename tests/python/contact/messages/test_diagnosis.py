@@ -239,13 +239,6 @@ def test_not_positive_semidefinite(
     assert "method=" not in message
 
 
-@pytest.mark.parametrize("W", [-np.eye(4), np.diag([1.0, 1, -1, 1])])
-def test_the_default_stalls_on_a_negative_w(W: Array) -> None:
-    solution = bp.ReducedProblem(W, [[-1.0, 0], [-1.0, 0.5]], 0.3).solve()
-    assert solution.outcome is bp.Outcome.STALLED
-    assert names(solution.message) == {"indefinite"}
-
-
 def test_a_semidefinite_w_is_not_called_indefinite() -> None:
     W, q = redundant()
     rounded = np.round(W, 9)
@@ -271,14 +264,6 @@ def test_numbers_near_the_ends_of_doubles() -> None:
     message = stopped(W * 1e-310, q, method="auto", max_iterations=300)
     assert "the largest entry of W is below 1e-300" in message
     assert "try other units" in message
-
-
-def test_newton_without_a_step() -> None:
-    W, q = redundant()
-    message = stopped(W, q, method="newton", max_iterations=None)
-    assert "'newton' found no step from its start" in message
-    assert "0 iterations" not in message
-    assert "falling" not in message
 
 
 def test_a_small_residual_at_a_limit_is_not_enough() -> None:
@@ -358,7 +343,6 @@ def test_the_contact_with_the_largest_violation_has_coordinates() -> None:
         r"step (\d): .*largest violation at contact (\d) at \(([^)]*)\)",
         str(caught.value),
     )
-    assert place is not None
     i = int(place[2])
     assert place[3] == ", ".join(f"{x:.4g}" for x in points[i])
 
@@ -381,7 +365,6 @@ def test_a_larger_tolerance_is_advised_if_it_would_help() -> None:
     short = problem.solve("gauss_seidel", 1e-13, max_iterations=6)
     offered = re.search(r"tol=(1e-\d+), which this point meets", short.message)
     assert not short.converged
-    assert offered is not None
     again = problem.solve("gauss_seidel", float(offered[1]), max_iterations=6)
     assert again.converged
 

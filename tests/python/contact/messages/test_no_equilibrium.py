@@ -40,7 +40,6 @@ def refused(body: Body, load: Array, mu: float = MU) -> bp.NoEquilibriumError:
 
 def in_dual_cone(direction: Array | None, mu: Array | float) -> bool:
     """v_n >= mu |v_t|: a proof lies inside by a margin, or within 1e-9 of the edge."""
-    assert direction is not None
     assert np.linalg.norm(direction, axis=1).max() == pytest.approx(1, rel=1e-12)
     slip = np.linalg.norm(direction[:, 1:], axis=1)
     return bool((direction[:, 0] - mu * slip >= -1e-8).all())
@@ -60,7 +59,6 @@ def test_the_message_says_which_friction_could_hold(
         assert "; no friction could balance the loads; add a support" in told
         return
     found = re.search(r"could balance the loads from mu = ([\d.]+) on; add", told)
-    assert found is not None
     # The search ends within half a per cent above, of which three digits are printed.
     ratio = float(found[1]) / (math.hypot(*shear) / press)
     assert 0.995 < ratio < 1.011
@@ -81,21 +79,6 @@ def test_a1_on_both_sides_of_the_limit(shear: list[float]) -> None:
     error = refused(body, uniform_shear(body, 2.0, [*(limit * (1 + 1e-6))]))
     along = ", ".join(f"{x:g}" for x in [*shear, 0.0])
     assert f"translation along ({along}) in ({', '.join('xyz'[:dim])})" in str(error)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("share", [1.000001, 1.01, 100.0])
-def test_a6_block_on_an_incline_slides(share: float, dim: int) -> None:
-    slope = math.atan(share * MU)
-    body = block((3, 2, 1) if dim == 3 else (3, 1), (3, 2, 2)[:dim], 1e3, 0.3)
-    fall = [1.0] if dim == 2 else [0.6, 0.8]
-    load = body.weight([*(math.sin(slope) * x for x in fall), -math.cos(slope)])
-    if share > 2:
-        # tan(slope) = 60 exceeds width/height = 3, so the block may also tip.
-        refused(body, load)
-    else:
-        along = ", ".join(f"{x:g}" for x in [*fall, 0.0])
-        assert f"translation along ({along}) in" in str(refused(body, load))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -196,7 +179,6 @@ def test_the_step_and_what_was_solved_before_it() -> None:
         solve(body, np.array([held, slides]))
     error = caught.value
     assert str(error).startswith("load step 2: no solution exists")
-    assert error.result is not None
     assert error.result.reaction.shape == (1, 4, 2)
     again = pickle.loads(pickle.dumps(error))
     assert str(again) == str(error)
@@ -221,7 +203,6 @@ def test_a_reduced_problem_reports_it() -> None:
     assert str(solution.outcome) == "no_equilibrium"
     assert not solution.converged
     assert solution.residual > 1e-2
-    assert solution.free_motion is not None
     assert rigid[1] @ solution.free_motion > 0
     v = (rigid[0] @ solution.free_motion).reshape(4, 3)
     assert in_dual_cone(v, 0.3)

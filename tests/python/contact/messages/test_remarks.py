@@ -82,7 +82,6 @@ def test_normals(cell: str, d: int, order: int) -> None:
             r"the displacement of the body minus that of the obstacle",
             remark,
         )
-        assert told is not None
         assert least <= int(told[1]) <= count
         assert remark in str(problem)
         if supports:
@@ -252,7 +251,6 @@ def test_loads_in_inconsistent_units(
         problem = bp.ContactProblem(model.K, model.B, **options)
         unit = model.traction("a", "right", np.eye(d)[0])
         strength = problem.remarks.strength
-        assert strength is not None
         share = np.abs(unit).sum() / strength.force[0]
         # E over 2.5 G lies between 2 and 3.
         assert share * YOUNG == pytest.approx(2 * (1 + poisson) / 2.5, rel=1e-9)
@@ -296,7 +294,6 @@ def test_rows_of_supports_within_the_stiffness_say_nothing() -> None:
     held = measure_bodies(
         csr("K", whole + sparse.diags_array(whole.diagonal() * top)), places, 3
     )
-    assert bare[0] is not None
     assert bare[0][top].any()
     assert not held[0][top].any()
     np.testing.assert_array_equal(held[0][~top], bare[0][~top])
@@ -304,7 +301,6 @@ def test_rows_of_supports_within_the_stiffness_say_nothing() -> None:
     assert 0 < held[1].force[0] < bare[1].force[0]
     springs = whole + sparse.diags_array(whole.diagonal())
     nothing = measure_bodies(csr("K", springs), places, 3)
-    assert nothing is not None
     assert np.isnan(nothing[1].force).all()
 
 

@@ -31,23 +31,20 @@ def rigid(
 def check(problem: bp.ReducedProblem) -> str:
     """The verdict, after its proof has been checked."""
     found = problem.equilibrium()
-    assert problem.rigid is not None
     R, e = problem.rigid
     if found.verdict == "none":
-        assert found.motion is not None
         assert found.margin < 0
         assert np.isinf(found.excluded)
         d = problem.q.shape[1]
         assert excludes_balance(R, e, problem.mu, found.motion, d)
     if found.verdict == "balanced":
-        assert found.reaction is not None
         # The default tolerance of a solution.
         assert problem.residual(found.reaction, np.zeros(len(e))) <= 1e-10
     return found.verdict
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(40), pytest.param(range(500), marks=pytest.mark.slow)]
+    "seeds", [range(25), pytest.param(range(5000), marks=pytest.mark.slow)]
 )
 def test_heaps_of_disks_are_decided_as_by_a_linear_programme(seeds: range) -> None:
     verdicts = []
@@ -55,8 +52,12 @@ def test_heaps_of_disks_are_decided_as_by_a_linear_programme(seeds: range) -> No
         heap = make_heap(seed)
         if heap is None:
             continue
-        verdict = check(rigid(heap.R, heap.e, heap.mu, 2))
+        problem = rigid(heap.R, heap.e, heap.mu, 2)
+        verdict, solution = check(problem), problem.solve()
         assert (verdict == "balanced") == is_carried(heap), seed
+        # Solved from the same programme, or refused with its proof and no other reason.
+        assert solution.converged == is_carried(heap)
+        assert "seems to slide away" not in solution.message
         verdicts.append(verdict)
     assert set(verdicts) == {"balanced", "none"}
 
@@ -64,15 +65,12 @@ def test_heaps_of_disks_are_decided_as_by_a_linear_programme(seeds: range) -> No
 @pytest.mark.parametrize("number", [1, 2, pytest.param(6, marks=pytest.mark.slow)])
 def test_walls_are_decided_on_both_sides_of_their_limit(number: int) -> None:
     problem = bp.blocks.assemble(wall(number), 0.65)
-    assert problem.rigid is not None
     R, dead = problem.rigid
     live = problem.body_force((1.0, 0.0))
     limit = problem.limit_multiplier(dead, live)
     assert limit.upper == pytest.approx(LIMITS[number], abs=1e-6)
-    assert limit.reached is not None
     # Programmes end at 1e-12; the proof takes up to 1e-7.
     assert limit.upper * (1 - 1e-6) <= limit.reached <= limit.upper
-    assert limit.mechanism is not None
     # The mechanism proves the bound, without rounding.
     above = dead + limit.upper * (1 + 1e-14) * live
     assert excludes_balance(R, above, 0.65, limit.mechanism, 2)
@@ -173,8 +171,6 @@ def test_without_rigid_motions_nothing_is_to_be_balanced() -> None:
 
 def test_groups_do_not_hide_each_other() -> None:
     heavy, light = make_heap(0), make_heap(1)
-    assert heavy is not None
-    assert light is not None
     R = np.zeros((len(heavy.R) + len(light.R), len(heavy.e) + len(light.e)))
     R[: len(heavy.R), : len(heavy.e)] = heavy.R
     R[len(heavy.R) :, len(heavy.e) :] = light.R
@@ -199,7 +195,6 @@ def test_a_live_load_that_contact_always_carries_has_no_limit() -> None:
 
 def test_a_heavier_foot_does_not_depend_on_units_or_numbering() -> None:
     heap = make_heap(4)
-    assert heap is not None
     order = np.random.default_rng(0).permutation(len(heap.R) // 2)
     rows = (2 * order[:, None] + [0, 1]).ravel()
     here = rigid(heap.R, heap.e, heap.mu, 2).equilibrium()
@@ -256,14 +251,12 @@ def test_cohesion_holds_a_block_beyond_friction() -> None:
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5, 6])
 def test_balanced_reactions_are_the_solution_of_rigid_bodies(seed: int) -> None:
     heap = make_heap(seed)
-    assert heap is not None
     problem = rigid(heap.R, heap.e, heap.mu, 2)
     found, solution = problem.equilibrium(), problem.solve()
     assert solution.converged == (found.verdict == "balanced") == is_carried(heap)
     if solution.converged:
         assert solution.iterations == 0
         assert not solution.relative_displacement.any()
-        assert found.reaction is not None
         np.testing.assert_array_equal(solution.reaction, found.reaction)
         # An answer that is given is kept.
         again = problem.solve(start=0.5 * (solution.reaction + found.reaction))
@@ -339,7 +332,6 @@ def test_many_blocks_need_no_dense_R() -> None:
     assert str(problem.solve(max_seconds=1e-9).outcome) == "time_limit"
     # A sparse R gives the residual of a dense one, also where a has to be found: 288 motions.
     many = towers(16, 6, 1.0)
-    assert many.rigid is not None
     R, e = many.rigid
     r, a = many.solve().reaction, np.random.default_rng(0).normal(size=len(e))
     dense = many.W.toarray()
@@ -361,7 +353,6 @@ def test_many_blocks_follow_a_free_displacement_that_is_rigid(
 ) -> None:
     """240 and 1,200 motions: the reactions are those at rest, and no solver runs."""
     still = towers(20, height, side)
-    assert still.rigid is not None
     R, e = still.rigid
     b = np.random.default_rng(height).normal(size=len(e))
     assert len(b) > 200
@@ -369,7 +360,6 @@ def test_many_blocks_follow_a_free_displacement_that_is_rigid(
     moved = bp.ReducedProblem(still.W, q, 0.5, rigid=(R, e)).solve()
     assert moved.converged
     assert moved.iterations == 0
-    assert moved.rigid_motion is not None
     # Rounding of q by the condition of R, some hundred.
     np.testing.assert_allclose(moved.rigid_motion, -b, atol=1e-12)
     np.testing.assert_array_equal(moved.reaction, still.solve().reaction)
@@ -420,7 +410,6 @@ def test_bricks_in_space(
     if found.reaction is not None:
         assert problem.residual(found.reaction, np.zeros(len(bricks.e))) <= 1e-10
     else:
-        assert found.motion is not None
         if bricks.contacts < 2000:
             # Rational arithmetic of more takes minutes.
             R = bricks.R.toarray()
@@ -456,9 +445,7 @@ def test_a_block_on_springs_is_pushed_to_its_limit(softness: float) -> None:
     W, q = softness * np.eye(4), np.zeros((2, 2))
     limit = bp.ReducedProblem(W, q, 0.5, rigid=(R, dead)).limit_multiplier(dead, live)
     assert limit.upper == pytest.approx(0.5, rel=1e-9)
-    assert limit.reached is not None
     assert 0.5 * (1 - 1e-3) <= limit.reached <= limit.upper
-    assert limit.reaction is not None
     loaded = bp.ReducedProblem(W, q, 0.5, rigid=(R, dead + limit.reached * live))
     assert loaded.residual(limit.reaction) <= 1e-9
 
@@ -495,7 +482,6 @@ def test_the_largest_multiple_beside_a_load_at_its_limit_is_decided(d: int) -> N
         rng = np.random.default_rng(seed)
         R, e0, mu = load_at_its_limit(rng, d)
         limit = rigid(R, e0, mu, d).limit_multiplier(e0, e1 := rng.normal(size=len(e0)))
-        assert limit.reached is not None
         if np.isinf(limit.upper):
             assert np.isinf(limit.reached)
             assert rigid(R, e1, mu, d).equilibrium().verdict == "balanced"

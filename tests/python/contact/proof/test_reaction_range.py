@@ -140,23 +140,6 @@ def test_a_wedge(mu: float) -> None:
     assert interval.determined == (mu == 0)
 
 
-def test_a_disc_in_a_groove() -> None:
-    """A disc in a V of 90°, which is pressed: moments fix equal friction of both sides."""
-    mu = 0.3
-    angles = np.pi / 4 * np.array([1, 3])
-    H = plane_body(-np.stack([np.cos(angles), np.sin(angles)], axis=1), angles)
-    problem = rigid(H, np.array([0.0, -1.0, 0.0]), mu, 2)
-    # Moments: T_1 = -T_2, so that both push up by T; then N_1 = N_2 = N, √2 (N + T) = 1
-    # and |T| <= μ N.
-    ends = np.sort(1 / (np.sqrt(2) * (1 + np.array([mu, -mu]))))
-    v = problem.solve().relative_displacement
-    for interval in problem.reaction_ranges():
-        np.testing.assert_allclose(
-            [interval.least, interval.largest], ends, rtol=ROUNDING
-        )
-        passes(problem, interval, v)
-
-
 def vertices(
     problem: bp.ReducedProblem, H: Array, contact: int, component: int, mu: float
 ) -> tuple[float, float]:

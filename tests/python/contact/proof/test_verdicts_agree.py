@@ -103,7 +103,6 @@ def out_of_balance(given: Given) -> float:
     A linear programme finds the motion in the dual cones, with amounts up to 1, on which the
     loads do most work.
     """
-    assert given.rigid is not None
     R, e = given.rigid
     size = np.abs(e).max(initial=0.0)
     if size == 0:
@@ -125,7 +124,6 @@ def out_of_balance(given: Given) -> float:
 
 def proves_none(direction: Array, given: Given) -> bool:
     """Whether a motion of the contacts is in the dual cones, rigid, and does work."""
-    assert given.rigid is not None
     R, e = given.rigid
     a, *_ = np.linalg.lstsq(R, direction.ravel(), rcond=None)
     rigid = np.abs(R @ a - direction.ravel()).max() <= 1e-9
@@ -201,8 +199,6 @@ def check_bound(given: Given, r: Array, answers: bp.Answers, seen: Seen) -> None
     seen.add(f"bound {bound.kind}")
     if bound.kind == "not available" or not answers.complete:
         return
-    assert bound.energy is not None
-    assert bound.alone_within is not None
     assert bound.energy <= bound.alone_within
     away = np.array(
         [
@@ -391,7 +387,6 @@ def test_a_bound_does_not_depend_on_scale(exponent: int) -> None:
         problem = bp.ReducedProblem(4 * np.eye(2), [[q, q]], 0.5)
         bound = problem.error_bound([np.multiply(scale, r)])
         assert bound.kind == "global"
-        assert bound.energy is not None
         # ‖r‖ in the norm of W is 2 |r|; where q = 0 the bound is a multiple of it.
         assert bound.energy / scale >= energy * (1 - 1e-15)
         plain = problem.error_bound([r]).energy
@@ -422,7 +417,6 @@ def test_a_bound_of_random_problems_at_every_scale(exponent: int) -> None:
         small = bp.ReducedProblem(W, q, mu)
         answer = small.solve(tol=1e-15)
         far = small.error_bound(scale * r)
-        assert far.energy is not None
         d = (scale * r - answer.reaction).ravel()
         size = float(np.abs(d).max())
         if size:
@@ -447,8 +441,6 @@ def test_the_solution_lies_within_the_local_bound() -> None:
     (answer,) = problem.answers()
     d = (answer.reaction - r).ravel()
     assert bound.kind == "local"
-    assert bound.energy is not None
-    assert bound.alone_within is not None
     assert np.sqrt(d @ W @ d) <= bound.energy <= bound.alone_within
 
 

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from support import oracle
 from support.bodies import block
 from support.methods import METHODS, NEED_SUPPORTS
 from support.random_problems import KINDS, Given, random_problem
@@ -300,51 +299,6 @@ def test_every_step_of_a_path_is_confirmed_from_K_and_B(d: int, method: str) -> 
         # η is 1e-11; u is computed with K, whose condition is below 1e4.
         assert missed.worst <= 1e-9, (k, missed)
         before = u
-
-
-def test_total_slip_instead_of_the_increment_is_found() -> None:
-    body, loads = _path(2)
-    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU)
-    result = problem.solve(loads)
-    first = result[2]
-    # The step as if nothing had slipped before, which is a different problem.
-    forgot = problem.solve(loads[3])[0].reaction
-    right = problem.reduced(loads[3], start=first)
-    assert right.residual(result[3].reaction) <= 1e-9
-    assert right.residual(forgot) > BROKEN
-    assert right.rigid is not None
-    motion = forgot_motion(right, forgot)
-    missed = judge(right.W, right.q, right.mu, forgot, right.rigid, motion)
-    assert missed.worst > BROKEN
-
-
-def forgot_motion(problem: bp.ReducedProblem, r: Array) -> Array:
-    """The rigid motion that fits the pressed contacts best, by least squares."""
-    assert problem.rigid is not None
-    R = problem.rigid[0]
-    v = (np.asarray(problem.W) @ r.ravel()) + problem.q.ravel()
-    rows = np.zeros(r.shape, bool)
-    rows[r[:, 0] > 0, 0] = True
-    rows[np.linalg.norm(r[:, 1:], axis=1) < 0.99 * MU * r[:, 0], 1:] = True
-    at = rows.ravel()
-    return np.asarray(np.linalg.lstsq(R[at], -v[at], rcond=None)[0])
-
-
-def test_the_oracle_and_the_judge_agree() -> None:
-    """Solutions of the oracle, which tries all statuses without the package, pass the check."""
-    for seed in range(6):
-        random_data = random_problem("held", 2, seed)
-        small = Given(
-            random_data.W[:4, :4], random_data.q[:2], random_data.mu[:2], None
-        )
-        if len(small.q) < 2:
-            continue
-        all_answers = list(oracle.answers(oracle.Problem(small.W, small.q, small.mu)))
-        assert all_answers
-        for answer in all_answers:
-            # The oracle accepts errors of at most 1e-10, relative to the sizes in the law.
-            assert judged(small, answer.r).worst <= 1e-9
-            assert small.problem().residual(answer.r) <= 1e-9
 
 
 def test_overlapping_walls_have_no_solution_if_a_body_slides_away() -> None:

@@ -76,11 +76,3 @@ def test_heaps_converge_or_report_that_they_do_not() -> None:
         assert solution.converged == (solution.residual <= TOL)
     # Nine of them converge if no other program runs.
     assert sum(solution.converged for solution in solutions) >= 6
-
-
-@pytest.mark.slow
-def test_a_time_limit_ends_a_path() -> None:
-    W, q = grains.heaps(11).step()
-    problem = bp.ReducedProblem(W, q, 0.3)
-    solution = problem.solve(tol=TOL, max_seconds=4.0)
-    assert solution.outcome in (bp.Outcome.TIME_LIMIT, bp.Outcome.CONVERGED)

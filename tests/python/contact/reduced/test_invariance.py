@@ -51,31 +51,24 @@ def solve(
     return problem.solve(None, path * length, tol=1e-12)
 
 
-def test_the_cube_has_every_status() -> None:
-    result = solve(*pressed_cube())
-    assert set(result.status.ravel().tolist()) == {0, 1, 2}
-    assert np.any(result.status[1] != result.status[2])
-
-
 @pytest.mark.parametrize(("power_s", "power_l"), [(10, -7), (-30, 3), (0, 30), (17, 0)])
 def test_units_that_are_powers_of_two_change_no_bit(power_s: int, power_l: int) -> None:
     stress, length = 2.0**power_s, 2.0**power_l
     body, fixed, path = pressed_cube()
     original = solve(body, fixed, path)
+    assert set(original.status.ravel().tolist()) == {0, 1, 2}
+    assert np.any(original.status[1] != original.status[2])
     other = solve(body, fixed, path, stress=stress, length=length)
     force = stress * length**2
-    assert np.array_equal(other.reaction, original.reaction * force)
-    assert np.array_equal(
-        other.relative_displacement, original.relative_displacement * length
+    units = {"reaction": force} | dict.fromkeys(
+        ("relative_displacement", "slip", "displacement"), length
     )
-    assert np.array_equal(other.slip, original.slip * length)
-    assert np.array_equal(other.displacement, original.displacement * length)
-    assert np.array_equal(other.status, original.status)
-    assert np.array_equal(other.iterations, original.iterations)
-    assert np.array_equal(other.residual, original.residual)
+    for name in (*units, "status", "iterations", "residual"):
+        scaled = getattr(original, name) * units.get(name, 1)
+        assert np.array_equal(getattr(other, name), scaled), name
 
 
-@pytest.mark.parametrize(("stress", "length"), [(1e6, 1e-3), (1e-9, 1e9), (1e9, 1e-9)])
+@pytest.mark.parametrize(("stress", "length"), [(1e-9, 1e9), (1e9, 1e-9)])
 def test_units(stress: float, length: float) -> None:
     body, fixed, path = pressed_cube()
     original = solve(body, fixed, path)
@@ -174,8 +167,6 @@ def test_one_thread_equals_two_bit_by_bit() -> None:
     for name in ("reaction", "relative_displacement", "displacement", "residual"):
         assert np.array_equal(getattr(on_one_thread, name), getattr(two, name)), name
     assert np.array_equal(on_one_thread.iterations, two.iterations)
-    again = solve(body, fixed, path, num_threads=2)
-    assert np.array_equal(two.reaction, again.reaction)
 
 
 def test_projection_is_the_same_on_any_number_of_threads(

@@ -34,22 +34,6 @@ def test_a_solution_for_any_friction() -> None:
     assert several >= 3  # # of 90; a unique solution tests no choice
 
 
-def test_three_answers_of_one_contact() -> None:
-    # Above μ = k_t/|k_c| some loads have three solutions; any start must lead to one of them.
-    W = np.linalg.inv(np.array([[1.0, -0.9], [-0.9, 1.0]]))
-    counted = set()
-    for angle in np.linspace(0, 2 * np.pi, 48, endpoint=False):
-        problem = bp.ReducedProblem(W, [W @ [np.cos(angle), np.sin(angle)]], 2.0)
-        answers = [a.reaction for a in problem.answers()]
-        counted.add(len(answers))
-        for start in (None, np.array([[2.0, 1.0]]), np.array([[1.0, -2.0]])):
-            solution = problem.solve("pivoting", start=start)
-            assert solution.converged
-            apart = min(np.abs(a - solution.reaction).max() for a in answers)
-            assert apart <= 1e-9  # # η, for reactions of order one to ten
-    assert {1, 3} <= counted
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_free_body(method: str) -> None:
     """Two nodes tied to each other only, pressed on a wall."""

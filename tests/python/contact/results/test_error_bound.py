@@ -28,9 +28,6 @@ def energy_norm(W: Array, d: Array) -> float:
 
 def parts_of(bound: bp.ErrorBound) -> tuple[Array, Array, float]:
     """Bounds of r, of v and of the energy."""
-    assert bound.reaction is not None
-    assert bound.relative_displacement is not None
-    assert bound.energy is not None
     return bound.reaction, bound.relative_displacement, bound.energy
 
 
@@ -125,7 +122,6 @@ def test_bound_holds_on_scenes(name: str, n: int) -> None:
     blur = exact.error
     # Rounding only: W has a condition of some hundreds, and slips are large.
     assert blur.kind == "global"
-    assert blur.relative is not None
     assert blur.relative < 1e-9
     rng = np.random.default_rng(n)
     points = approximations(exact.reaction, reduced.mu, rng)[:5]
@@ -143,8 +139,6 @@ def test_bound_holds_on_scenes(name: str, n: int) -> None:
         v[:, 1:] -= before.relative_displacement[:, 1:]
     away = np.abs(v - exact.relative_displacement)
     assert (away <= parts_of(error)[1] + parts_of(blur)[1]).all()
-    assert error.traction is not None
-    assert step.traction is not None
     tractions = np.abs(step.traction - exact.reaction / path.contacts["area"][:, None])
     assert (
         tractions <= error.traction * (1 + 1e-9) + 1e-12 * np.abs(step.traction).max()

@@ -114,21 +114,6 @@ def test_a_problem_in_six_lines() -> None:
     assert re.search(rf"\({entries} entr", row_of["memory"])
 
 
-def test_rigid_motions_are_counted() -> None:
-    # One mass with one spring of stiffness zero: free along both axes of its contact.
-    K = sparse.csr_array((2, 2))
-    problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=0.5)
-    assert problem.stats["rigid_motions"] == 2
-    assert "2 rigid motions held by contact alone" in str(problem)
-
-
-def test_a_problem_without_contacts() -> None:
-    none = np.empty((0, 2))
-    problem = bp.ContactProblem(np.eye(2), none, gap=np.empty((0, 2)), mu=0.3, dim=2)
-    row_of = rows(str(problem))
-    assert (row_of["gap"], row_of["friction"]) == ("none", "none")
-
-
 def test_a_reduced_problem() -> None:
     dense = bp.ReducedProblem(np.eye(4), [[-1.0, 0.0], [2.0, 0.0]], [0.0, 0.3])
     assert repr(dense) == "ReducedProblem(2 contacts in the plane)"
@@ -224,11 +209,6 @@ def test_resultant_in_global_components() -> None:
     np.testing.assert_allclose(
         groups[0, 1], result.reaction[0, 0, 0] * n[0], rtol=1e-12
     )
-
-
-def test_resultant_without_frames_adds_components() -> None:
-    result = two().solve(PULL)
-    np.testing.assert_allclose(result.resultant, [[2.0, -1.0]], atol=1e-9)
 
 
 def test_resultants_of_wrong_groups() -> None:
