@@ -141,6 +141,16 @@ def child(
     return run
 
 
+# Writing 5 resets the largest memory of the process.
+RESET = Path("/proc/self/clear_refs")
+
+
+def memory(name: str) -> int:
+    """An entry of the status of this process, in bytes."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(name))
+
+
 def strays(folder: Path) -> list[str]:
     """What a run prepares its files in, and should have removed."""
     return [path.name for path in folder.iterdir() if path.name.startswith(".")]

@@ -25,15 +25,21 @@ PULL = np.array([[0.0, 4.0], [0.0, -4.0]])
 
 
 @cache
-def pad(d: int = 2, n: int = 8) -> tuple[Any, bp.ContactProblem, np.ndarray]:
-    """A block held at its top on a curved plane, its problem, and a cycle in partial slip."""
+def pad(
+    d: int = 2, n: int = 8, curve: float = 0.01, two: bool = False
+) -> tuple[Any, bp.ContactProblem, np.ndarray]:
+    """A block held at its top on a curved plane, its problem, and a cycle in partial slip.
+
+    With ``two`` friction coefficients if asked for.
+    """
     body = block(
         [2.0, 1.0] if d == 2 else [1.0] * 3, [2 * n, n][:d] + [n] * (d - 2), 1e3, 0.3
     )
     fixed = np.concatenate([body.dofs(d - 1, 1.0, k) for k in range(d)])
-    gap = 0.01 * (body.points[:, 0] - np.ptp(body.points[:, 0]) / 2) ** 2
+    gap = curve * (body.points[:, 0] - np.ptp(body.points[:, 0]) / 2) ** 2
+    mu = np.tile([0.3, 0.2], (len(gap), 1)) if two else 0.3
     problem = bp.ContactProblem(
-        body.K, body.B, gap=gap, mu=0.3, fixed=fixed, area=body.area
+        body.K, body.B, gap=gap, mu=mu, fixed=fixed, area=body.area
     )
     ways = np.zeros((4, d))
     ways[:, -1] = -0.01

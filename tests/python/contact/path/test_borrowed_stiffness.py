@@ -1,7 +1,6 @@
 """K of a caller is borrowed: 50 MB of it, counted in the memory of the process."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,11 +8,8 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from support.children import forked
+from support.children import RESET, forked, memory
 from support.pressed_in_space import arrays
-
-# Writing 5 resets the largest memory of the process.
-_RESET = Path("/proc/self/clear_refs")
 
 
 def chain(count: int) -> dict[str, Any]:
@@ -33,14 +29,8 @@ def predict(problem: bp.ContactProblem) -> float:
     return float(core.bytes[0])
 
 
-def memory(name: str) -> int:
-    """An entry of the status of this process, in bytes."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(name))
-
-
 @pytest.mark.slow
-@pytest.mark.skipif(not _RESET.exists(), reason="the system does not count this")
+@pytest.mark.skipif(not RESET.exists(), reason="the system does not count this")
 @pytest.mark.parametrize(
     ("engine", "make", "few", "many"),
     [
@@ -59,7 +49,7 @@ def test_only_the_core_has_a_copy_of_its_own(
         K = given["K"]
         size = K.data.nbytes + K.indices.nbytes
         assert size > 45e6
-        _RESET.write_text("5")
+        RESET.write_text("5")
         before = memory("VmRSS")
         problem = bp.ContactProblem(**given, engine=engine)
         extra = (memory("VmHWM") - before - predict(problem)) / size

@@ -60,10 +60,10 @@ def test_the_depth_under_a_held_force_grows_linearly() -> None:
     path = PULL + np.array([-10.0, 0.0])
     k, slip = 1e-9, 8e-3
     for jump in (False, True):
-        wear = problem.wear(path, coefficient=k, cycles=1000, jump=jump, tol=TOL)
+        wear = problem.wear(path, coefficient=k, cycles=400, jump=jump, tol=TOL)
         depth = k * 10.0 / 1e-4 * slip * (2 * wear.cycle - 0.5)
         np.testing.assert_allclose(wear.depth[:, 0], depth, rtol=SAME)
-    # Jumps that grow fourfold, over 1000 cycles whose rates differ by rounding.
+    # Jumps that grow fourfold, over 400 cycles whose rates differ by rounding.
     assert wear.rejected <= 2
     assert wear.paths <= 30
 
@@ -103,7 +103,6 @@ def test_the_gaps_of_each_step_contain_the_wear_of_the_steps_before() -> None:
     [
         pytest.param("pad", 1e-2, marks=pytest.mark.slow),
         ("hertz", 1e-2),
-        pytest.param("hertz", 1e-3, marks=pytest.mark.slow),
     ],
 )
 def test_jumps_agree_with_every_cycle(kind: str, rtol: float) -> None:
@@ -174,10 +173,10 @@ def test_results_do_not_depend_on_units() -> None:
         area=body.area * length,
     )
     k = COEFFICIENT
-    wear = worn_pad(coefficient=k, cycles=100)
+    wear = worn_pad(coefficient=k, cycles=40)
     # Stress in the plane is force / length, of unit thickness.
     other = scaled.wear(
-        prescribed=cycle * length, coefficient=k * length / force, cycles=100, tol=TOL
+        prescribed=cycle * length, coefficient=k * length / force, cycles=40, tol=TOL
     )
     assert [(j.cycles, j.accepted) for j in other.jumps] == [
         (j.cycles, j.accepted) for j in wear.jumps
@@ -197,10 +196,10 @@ def test_wear_continues_to_the_same_bits() -> None:
 
 def test_wear_continues_with_jumps() -> None:
     arguments = {"coefficient": COEFFICIENT / 2, "rtol": 1e-2}
-    every = worn_pad(cycles=200, jump=False, **arguments)
+    every = worn_pad(cycles=160, jump=False, **arguments)
     half = worn_pad(cycles=90, **arguments)
-    rest = worn_pad(cycles=110, start=half, **arguments)
-    assert rest.cycle[-1] == 200
+    rest = worn_pad(cycles=70, start=half, **arguments)
+    assert rest.cycle[-1] == 160
     # It goes on with jumps as long as before.
     assert max(j.cycles for j in rest.jumps[:2]) > 4
     error = abs(rest.depth[-1] - every.depth[-1]).max()
@@ -260,14 +259,8 @@ def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def sliding() -> tuple[Any, Any]:
     """A block whose top is held and moved so far that all contacts slide."""
-    body, problem, cycle = pad(n=8)
-    flat = bp.ContactProblem(
-        body.K, body.B, gap=np.zeros_like(body.area), mu=0.3,
-        fixed=problem.stiffness.options.fixed, area=body.area,
-    )  # fmt: skip
-    return flat, cycle * [
-        [20.0 if k < cycle.shape[1] // 2 else 1.0 for k in range(cycle.shape[1])]
-    ]
+    _, flat, cycle = pad(n=8, curve=0.0)
+    return flat, cycle * np.repeat([[20.0, 1.0]], cycle.shape[1] // 2, axis=1)
 
 
 def alternating(pressure: np.ndarray) -> float:
@@ -366,16 +359,13 @@ def test_load_steps_that_cannot_be_divided_are_refused() -> None:
     assert spring().wear(PULL, coefficient=1e-3, cycles=3, start=pressed).success
 
 
-@pytest.mark.parametrize("coefficient", [1e-3, 1e-2, 1e-1])
-@pytest.mark.parametrize("jump", [False, True])
+@pytest.mark.parametrize(
+    ("coefficient", "jump"), [(2e-3, True), (1e-2, False), (1e-1, True)]
+)
 def test_a_pad_wears_by_its_approach_at_most(coefficient: float, jump: bool) -> None:
     """A flat pad that slides everywhere is pressed by 0.005."""
-    body, problem, _ = pad()
-    flat = bp.ContactProblem(
-        body.K, body.B, gap=body.gap, mu=0.3, fixed=problem.stiffness.options.fixed,
-        area=body.area,
-    )  # fmt: skip
-    m = len(problem.stiffness.options.fixed) // 2
+    _, flat, cycle = pad(n=5, curve=0.0)
+    m = cycle.shape[1] // 2
     cycle = np.repeat([[0.1, -0.005], [-0.1, -0.005]], m, axis=1)
     wear = flat.wear(prescribed=cycle, coefficient=coefficient, cycles=20, jump=jump)
     # The edges are pressed by the shear of the pad too, by at most a hundredth.
@@ -475,26 +465,20 @@ def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
     assert edges[1] > 1.2 * edges[0]
 
 
-def test_friction_by_direction_and_three_dimensions() -> None:
-    body, problem, cycle = pad(3, 3)
-    two = bp.ContactProblem(
-        body.K, body.B, gap=problem.contacts.gap,
-        mu=np.tile([0.3, 0.2], (len(body.area), 1)), area=body.area,
-        fixed=problem.stiffness.options.fixed,
-    )  # fmt: skip
+@pytest.mark.parametrize("two", [False, True])
+def test_friction_by_direction_and_three_dimensions(two: bool) -> None:
+    body, problem, cycle = pad(3, 3, two=two)
     k = np.linspace(1e-5, 2e-5, len(body.area))
-    for any_problem in (problem, two):
-        wear = any_problem.wear(prescribed=cycle, coefficient=k, cycles=8, tol=TOL)
-        steps = wear.result
-        slip = np.linalg.norm(steps.slip, axis=2)
-        worn = k * (steps.traction[:, :, 0] * slip).sum(axis=0)
-        np.testing.assert_allclose(worn, wear.worn[-1], rtol=SAME)
-        assert wear.volume[-1] > 0
+    wear = problem.wear(prescribed=cycle, coefficient=k, cycles=8, tol=TOL)
+    slip = np.linalg.norm(wear.result.slip, axis=2)
+    worn = k * (wear.result.traction[:, :, 0] * slip).sum(axis=0)
+    np.testing.assert_allclose(worn, wear.worn[-1], rtol=SAME)
+    assert wear.volume[-1] > 0
 
 
 def test_other_engines_and_arguments_of_the_problem() -> None:
     body, problem, cycle = pad(3, 3)
-    arguments = {"coefficient": 1e-4, "cycles": 12}
+    arguments = {"coefficient": 1e-4, "cycles": 6}
     expected_wear = problem.wear(prescribed=cycle, **arguments, tol=TOL)
     gap, fixed = problem.contacts.gap, problem.stiffness.options.fixed
     arguments_of_contacts = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
@@ -574,21 +558,18 @@ def test_a_trial_that_fails_is_a_rejected_jump(monkeypatch: pytest.MonkeyPatch) 
     assert abs(wear.depth[-1] / plain.depth[-1] - 1).max() < 0.01
 
 
-def test_wear_needs_contacts_and_load_steps() -> None:
+def test_wear_needs_contacts_areas_and_a_matching_start() -> None:
+    none = bp.ContactProblem(np.eye(2), np.zeros((0, 2)), gap=[], mu=0.3, dim=2)
+    given: Any = {"coefficient": 1e-9, "cycles": 3}
     with pytest.raises(ValueError, match=r"^the problem has no contacts"):
-        bp.ContactProblem(np.eye(2), np.zeros((0, 2)), gap=[], mu=0.3, dim=2).wear(
-            PULL, coefficient=1e-9, cycles=3
-        )
-
-
-def test_wear_needs_areas_and_a_matching_start() -> None:
+        none.wear(PULL, **given)
     with pytest.raises(ValueError, match=r"^area is missing: wear needs pressures"):
-        spring(area=None).wear(PULL, coefficient=1e-9, cycles=3)
+        spring(area=None).wear(PULL, **given)
     other = worn_pad(cycles=1)
     with pytest.raises(ValueError, match=r"start is a step of worn contacts"):
         worn_pad(start=other.result)
     with pytest.raises(ValueError, match=r"start has the wear of 17 contacts"):
-        spring().wear(PULL, coefficient=1e-9, cycles=3, start=other)
+        spring().wear(PULL, start=other, **given)
 
 
 def test_the_record_is_told_cycle_by_cycle() -> None:
