@@ -58,14 +58,11 @@ def turned_round(B: Any, d: int, contacts: Any = slice(None)) -> Any:
     return sparse.csr_array(sparse.diags_array(sign) @ B)
 
 
-@pytest.mark.parametrize(("cell", "d", "order"), CELLS)
-@pytest.mark.slow_variants("hexahedron-3-2")
-def test_normals(cell: str, d: int, order: int) -> None:
-    meshed = body(cell, d, order, cells=2)
+@pytest.mark.parametrize(("cell", "d"), [("quadrilateral", 2), ("tetrahedron", 3)])
+def test_normals(cell: str, d: int) -> None:
+    meshed = body(cell, d, 1, cells=2)
     for supports in (held(d), []):
-        model, options = given(
-            meshed, floor(d, pairing=pairing_of(cell, order)), supports
-        )
+        model, options = given(meshed, floor(d), supports)
         count = len(model.gap)
         load = -np.tile(np.eye(d)[d - 1], len(model.nodes)) * 1e-3
         result = bp.solve(model.K, model.B, load, **options)

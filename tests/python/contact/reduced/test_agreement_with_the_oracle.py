@@ -1,19 +1,18 @@
 """The methods of the package agree with the oracle, which shares no algorithm with them."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
 from support.conditions import violation
-from support.oracle import Answer, Problem
+from support.oracle import Problem
 from support.smoothing import follow
 
 Array = NDArray[np.float64]
 MU = 0.25
 TOL = 1e-12
+SOME = ("auto", "gauss_seidel", "uzawa")
 
 
 def compliance(rng: np.random.Generator, size: int) -> Array:
@@ -29,47 +28,33 @@ def pressed(rng: np.random.Generator, contacts: int, dim: int) -> Array:
     return q
 
 
-# One worker runs the file: the oracle solves each problem once for all methods.
-pytestmark = pytest.mark.xdist_group("oracle")
-
-
-@cache
-def definite(contacts: int, dim: int, seed: int) -> tuple[Array, Array, Answer]:
-    """A problem with a definite compliance, and the solution of the oracle."""
-    rng = np.random.default_rng([seed, contacts, dim])
-    W, q = compliance(rng, contacts * dim), pressed(rng, contacts, dim)
-    return W, q, follow(Problem(W, q, MU))
-
-
-@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("contacts", [1, 4, 12])
-@pytest.mark.quick_variants("1-2-uzawa")
-def test_definite_compliance(contacts: int, dim: int, method: str) -> None:
+def test_definite_compliance(dim: int) -> None:
     seen: set[int] = set()
-    for seed in range(8):
-        W, q, expected = definite(contacts, dim, seed)
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 12, dim])
+        W, q = compliance(rng, 12 * dim), pressed(rng, 12, dim)
+        expected = follow(Problem(W, q, MU))
         reduced = bp.ReducedProblem(W, q, MU)
-        solution = reduced.solve(method=method, tol=TOL)
-        assert str(solution.outcome) == "converged"
-        assert solution.residual <= solution.tolerance
-        # η computed again, as a user would.
-        assert reduced.residual(solution.reaction) == solution.residual
-        # η of both, times the condition of W and the factor that friction adds.
-        size = np.abs(expected.r).max()
-        np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-9 * size)
-        assert tuple(solution.status) == expected.status
-        v = solution.relative_displacement
-        assert violation(solution.reaction, v, MU, q) <= 1e-9
+        for method in SOME:
+            solution = reduced.solve(method=method, tol=TOL)
+            assert solution.converged
+            # η computed again, as a user would.
+            assert reduced.residual(solution.reaction) == solution.residual
+            # η of both, times the condition of W and the factor that friction adds.
+            size = np.abs(expected.r).max()
+            np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-9 * size)
+            assert tuple(solution.status) == expected.status
+            v = solution.relative_displacement
+            assert violation(solution.reaction, v, MU, q) <= 1e-9
         seen.update(expected.status)
-    assert contacts == 1 or seen == {0, 1, 2}
+    assert seen == {0, 1, 2}
 
 
-@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.quick_variants("2-auto")
-def test_held_by_contact_alone(dim: int, method: str) -> None:
-    for seed in range(6):
+@pytest.mark.slow_variants("3")
+def test_held_by_contact_alone(dim: int) -> None:
+    for seed in range(4):
         rng = np.random.default_rng([seed, dim])
         contacts = 6
         W = 0.2 * compliance(rng, contacts * dim)
@@ -85,20 +70,20 @@ def test_held_by_contact_alone(dim: int, method: str) -> None:
         inside[:, 1:] = rng.uniform(-1, 1, dim - 1) * 0.5 * MU
         e = -flat.T @ inside.ravel()
         q = 0.1 * rng.normal(size=(contacts, dim))
-        reduced = bp.ReducedProblem(W, q, MU, rigid=(flat, e))
-        solution = reduced.solve(method=method, tol=TOL)
-        assert str(solution.outcome) == "converged"
         expected = follow(Problem(W, q, MU, (flat, e)))
-        size = np.abs(expected.r).max()
-        np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-8 * size)
-        balance = flat.T @ solution.reaction.ravel() + e
-        # One term of η, in another orthonormal basis.
-        assert np.abs(balance).max() <= 1e-10 * np.abs(e).max()
-        r, v = solution.reaction, solution.relative_displacement
-        a = np.asarray(solution.rigid_motion)
-        rebuilt = (W @ r.ravel() + flat @ a).reshape(contacts, dim) + q
-        np.testing.assert_allclose(v, rebuilt, atol=1e-12 * np.abs(rebuilt).max())
-        assert violation(r, v, MU, q) <= 1e-8
+        for method in SOME:
+            solution = bp.ReducedProblem(W, q, MU, rigid=(flat, e)).solve(method, TOL)
+            assert solution.converged
+            size = np.abs(expected.r).max()
+            np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-8 * size)
+            balance = flat.T @ solution.reaction.ravel() + e
+            # One term of η, in another orthonormal basis.
+            assert np.abs(balance).max() <= 1e-10 * np.abs(e).max()
+            r, v = solution.reaction, solution.relative_displacement
+            rebuilt = W @ r.ravel() + flat @ solution.rigid_motion
+            rebuilt = rebuilt.reshape(contacts, dim) + q
+            np.testing.assert_allclose(v, rebuilt, atol=1e-12 * np.abs(rebuilt).max())
+            assert violation(r, v, MU, q) <= 1e-8
 
 
 def test_measured_asymmetry_is_kept() -> None:

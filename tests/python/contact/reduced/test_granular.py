@@ -52,15 +52,6 @@ def test_a_packing_of_eighty_balls(d: int) -> None:
     assert solution.iterations < 2000
 
 
-def test_threads_change_no_bit() -> None:
-    wall = grains.wall("wall", 24, np.random.default_rng(1), staggered=False, mu=0.6)
-    W, q = wall.step()
-    problem = bp.ReducedProblem(W, q, wall.mu)
-    first_run, two = (problem.solve(num_threads=n, max_iterations=200) for n in (1, 2))
-    np.testing.assert_array_equal(first_run.reaction, two.reaction)
-    assert first_run.iterations == two.iterations
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [grains.packings, grains.walls])
 def test_nine_in_ten_are_solved_within_twenty_seconds(make: Any) -> None:
