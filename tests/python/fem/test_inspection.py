@@ -18,9 +18,13 @@ def cube(
     name: str = "a", low: float = 0.0, young: float = 1.0, size: float = 1.0
 ) -> fem.Body:
     g = size * np.linspace(0, 1, 4)
-    return fem.Body(
-        name, fem.box([g, g, size * low + g], "hexahedron"), fem.Material(young, 0.3)
-    )
+    mesh = fem.box([g, g, size * low + g], "hexahedron")
+    return fem.Body(name, mesh, fem.Material(young, 0.3))
+
+
+TOP = fem.Support("a", "top", (0, 1, 2))
+PAIR = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
+UNDER = fem.Contact("b", "bottom", 0.0, plane=([0, 0, -1], [0, 0, 1.0]))
 
 
 def on(plane: Any = FLOOR, mu: float = 0.3, surface: str = "bottom") -> fem.Contact:
@@ -28,26 +32,21 @@ def on(plane: Any = FLOOR, mu: float = 0.3, surface: str = "bottom") -> fem.Cont
 
 
 def test_valid_model_gives_no_warning() -> None:
-    top = fem.Support("a", "top", (0, 1, 2))
-    model = fem.assemble([cube()], [on()], [top])
-    moved = np.full(len(model.fixed), -0.01)
+    model = fem.assemble([cube()], [on()], [TOP])
     assert inspect(model) == []
-    assert inspect(model, prescribed=moved) == []
+    assert inspect(model, prescribed=np.full(len(model.fixed), -0.01)) == []
     # A block on a floor with friction: contact can hold it.
     assert inspect(fem.assemble([cube()], [on()])) == []
     # A round obstacle, then a pair of bodies.
     ball = fem.Contact("a", "bottom", 0.1, obstacle=ob.Sphere([0.4, 0.5, -1], 1.0))
-    assert inspect(fem.assemble([cube()], [ball], [top])) == []
-    pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
-    blocks = [cube(), cube("b", -1.0)]
+    assert inspect(fem.assemble([cube()], [ball], [TOP])) == []
     ground = fem.Support("b", "bottom", (0, 1, 2))
-    assert inspect(fem.assemble(blocks, [pair], [ground])) == []
+    assert inspect(fem.assemble([cube(), cube("b", -1.0)], [PAIR], [ground])) == []
 
 
 def test_penetration() -> None:
     tilted = ([0, 0, 0.05], [0.05, 0, 1.0])
-    model = fem.assemble([cube()], [on(tilted)])
-    (warning,) = inspect(model)
+    (warning,) = inspect(fem.assemble([cube()], [on(tilted)]))
     deepest = 0.05 / np.hypot(0.05, 1)
     assert warning == (
         "12 of the 16 nodes of surface 'bottom' of body 'a' start inside what they may "
@@ -56,13 +55,13 @@ def test_penetration() -> None:
         "move the body or add a clearance"
     )
     # A negative clearance asks for it; a positive one does not.
+    clearance: Any
     for clearance, count in (
         (-0.01, 0),
         (lambda x: -0.1 * x[:, 2] - 0.1, 0),
         (0.01, 1),
     ):
-        wanted = replace(on(tilted), clearance=clearance)
-        model = fem.assemble([cube()], [wanted])
+        model = fem.assemble([cube()], [replace(on(tilted), clearance=clearance)])
         assert len(inspect(model)) == count
         # The arrays of the model are examined too, and give the same answer.
         at_start = model.problem().remarks.at_start
@@ -90,8 +89,7 @@ def test_facing_away() -> None:
 
 
 def test_never_closing() -> None:
-    top = fem.Support("a", "top", (0, 1, 2))
-    model = fem.assemble([cube()], [on(([0, 0, -0.2], [0, 0, 1.0]))], [top])
+    model = fem.assemble([cube()], [on(([0, 0, -0.2], [0, 0, 1.0]))], [TOP])
     moved = np.tile(-0.05, len(model.fixed))
     assert inspect(model) == []
     (warning,) = inspect(model, prescribed=moved)
@@ -103,14 +101,12 @@ def test_never_closing() -> None:
     (warning,) = inspect(model, load=np.full(model.n, 1e-4))
     assert warning.endswith("stays 0.2 away, 20 % of the size of the model")
     # An obstacle that rises closes it.
-    rising = fem.Contact(
-        "a",
-        "bottom",
-        0.3,
-        obstacle=ob.Plane([0, 0, -0.2], [0, 0, 1]),
-        motion=ob.Motion([[0, 0, 0.1], [0, 0, 0.21]]),
+    plane, motion = (
+        ob.Plane([0, 0, -0.2], [0, 0, 1]),
+        ob.Motion([[0, 0, 0.1], [0, 0, 0.21]]),
     )
-    model = fem.assemble([cube()], [rising], [top])
+    rising = fem.Contact("a", "bottom", 0.3, obstacle=plane, motion=motion)
+    model = fem.assemble([cube()], [rising], [TOP])
     assert inspect(model, prescribed=np.zeros((2, len(model.fixed)))) == []
 
 
@@ -154,68 +150,70 @@ def test_loads_too_large_for_the_stiffness() -> None:
     assert "over its largest section are 12.6," in warning
 
 
-def test_unsupported_bodies() -> None:
-    alone = inspect(fem.assemble([cube()], []))
-    assert alone == [
-        "body 'a' can move freely and has no support and no spring: add one"
-    ]
-    # With a support that leaves motions free, the warning names these motions.
-    (warning,) = inspect(fem.assemble([cube()], [], [fem.Support("a", "left", (0,))]))
-    assert warning.startswith(
-        "body 'a' can move freely by translation along y; translation along z; "
-        "rotation about"
-    )
-    # On a frictionless floor it can slide, and turn about the vertical.
-    (warning,) = inspect(fem.assemble([cube()], [on(mu=0.0)]))
-    assert warning == (
-        "body 'a' can move freely by translation along x; translation along y; "
-        "rotation about an axis through (0.5, 0.5, 0.5) along (0, 0, 1): add a support, "
-        "friction or a contact that stops it"
-    )
-    rail = fem.Support("a", "left", (0, 2))
-    (warning,) = inspect(fem.assemble([cube()], [on(mu=0.0)], [rail]))
-    assert warning.startswith("body 'a' can move freely by translation along y: add")
+@pytest.mark.parametrize(
+    ("contacts", "supports", "words"),
+    [
+        ([], [], "body 'a' can move freely and has no support and no spring: add one"),
+        # With a support that leaves motions free, the warning names these motions.
+        (
+            [],
+            [fem.Support("a", "left", (0,))],
+            (
+                "body 'a' can move freely by translation along y; translation along z; "
+                "rotation about"
+            ),
+        ),
+        # On a frictionless floor it can slide, and turn about the vertical.
+        (
+            [on(mu=0.0)],
+            [],
+            (
+                "body 'a' can move freely by translation along x; translation along y; "
+                "rotation about an axis through (0.5, 0.5, 0.5) along (0, 0, 1): add a "
+                "support, friction or a contact that stops it"
+            ),
+        ),
+        (
+            [on(mu=0.0)],
+            [fem.Support("a", "left", (0, 2))],
+            "body 'a' can move freely by translation along y: add",
+        ),
+    ],
+)
+def test_unsupported_bodies(contacts: Any, supports: Any, words: str) -> None:
+    (warning,) = inspect(fem.assemble([cube()], contacts, supports))
+    assert warning.startswith(words)
 
 
 def test_two_unsupported_bodies_in_contact() -> None:
-    pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
-    floor = fem.Contact("b", "bottom", 0.0, plane=([0, 0, -1], [0, 0, 1.0]))
-    apart = fem.Support("b", "left", (0,))
-    model = fem.assemble([cube(), cube("b", -1.0)], [pair, floor], [apart])
-    (warning,) = inspect(model)
-    assert warning.startswith(
-        "bodies 'a' and 'b' can move freely by translation along y:"
-    )
-    both = fem.assemble([cube(), cube("b", -1.0)], [pair])
-    assert inspect(both) == [
-        "bodies 'a' and 'b' can move freely and have no support and no spring: add one"
-    ]
+    slick = replace(PAIR, mu=0.0)
+
+    def told(contacts: list[fem.Contact], *components: int) -> str:
+        held = [fem.Support("b", "left", components)] if components else []
+        model = fem.assemble([cube(), cube("b", -1.0)], contacts, held)
+        (warning,) = inspect(model)
+        return warning
+
+    moving = "bodies 'a' and 'b' can move freely"
+    assert told([PAIR, UNDER], 0).startswith(f"{moving} by translation along y:")
+    assert told([PAIR]) == f"{moving} and have no support and no spring: add one"
     # A floor holds them along its normal.
-    loose = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
-    (warning,) = inspect(fem.assemble([cube(), cube("b", -1.0)], [loose, floor]))
-    assert "by translation along x of body 'a'" in warning
-    assert "no support" not in warning
+    assert "by translation along x of body 'a'" in told([slick, UNDER])
     # Without friction between them, the upper body can slide separately.
-    slick = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
-    held = fem.Support("b", "left", (0, 1, 2))
-    model = fem.assemble([cube(), cube("b", -1.0)], [slick, floor], [held])
-    (warning,) = inspect(model)
+    warning = told([slick, UNDER], 0, 1, 2)
     assert "'a' and 'b'" in warning
     assert "of body 'a'" in warning
     assert "of body 'b'" not in warning
 
 
-def test_what_contact_alone_can_hold() -> None:
-    pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
+@pytest.mark.parametrize("spring", [False, True])
+@pytest.mark.parametrize("held", [False, True])
+def test_what_contact_alone_can_hold(held: bool, spring: bool) -> None:
+    supports = [fem.Support("a", "top", (2,))] * held
+    springs = [fem.Spring("b", "left", stiffness=3.0)] * spring
     blocks = [cube(), cube("b", -1.0)]
-    slope = fem.Support("a", "top", (2,))
-    spring = fem.Spring("b", "left", stiffness=3.0)
-    assert list_unsupported(fem.assemble(blocks, [pair])) == ["a", "b"]
-    assert list_unsupported(fem.assemble(blocks, [pair], [slope])) == ["b"]
-    assert list_unsupported(fem.assemble(blocks, [pair], springs=[spring])) == ["a"]
-    assert (
-        list_unsupported(fem.assemble(blocks, [pair], [slope], springs=[spring])) == []
-    )
+    model = fem.assemble(blocks, [PAIR], supports, springs=springs)
+    assert list_unsupported(model) == ["a"] * (not held) + ["b"] * (not spring)
 
 
 @pytest.mark.parametrize(
@@ -237,13 +235,7 @@ def test_what_contact_alone_can_hold() -> None:
     ],
 )
 def test_units(young: float, size: float, says: str | None) -> None:
-    floor = ([0, 0, 0], [0, 0, 1.0])
-    warnings = inspect(fem.assemble([cube(young=young, size=size)], [on(floor)]))
-    if says is None:
-        assert warnings == []
-    else:
-        assert len(warnings) == 1
-        assert (
-            f"Young's modulus {young:g} of body 'a' {says}; for lengths in"
-            in warnings[0]
-        )
+    warnings = inspect(fem.assemble([cube(young=young, size=size)], [on()]))
+    assert len(warnings) == (says is not None)
+    for warning in warnings:
+        assert f"modulus {young:g} of body 'a' {says}; for lengths in" in warning

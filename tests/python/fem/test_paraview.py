@@ -1,5 +1,6 @@
 """Files for ParaView: stresses and surfaces are right, and are read back as written."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,9 @@ from bipot_rs import fem
 from bipot_rs.fem import paraview
 from bipot_rs.fem.bodies.stress_recovery import von_mises
 from bipot_rs.fem.contact_surface import contact_surface
+from support.boxes import CELLS
 
-CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+FACETS = dict(zip(CELLS, ("line", "line", "triangle", "quad"), strict=True))
 YOUNG, POISSON = 10.0, 0.3
 
 
@@ -27,26 +29,23 @@ def test_von_mises() -> None:
     np.testing.assert_allclose(von_mises(turn @ every @ turn.T), exact, atol=1e-14)
 
 
+@cache
 def pressed(cell: str) -> tuple[fem.Assembly, Any]:
     """Two blocks, one on the other on a floor, pressed and dragged in two steps."""
-    dim = 2 if cell in CELLS[:2] else 3
+    up = np.eye(dim := CELLS[cell])[-1]
     sides = [np.linspace(0, 1, 4)] * (dim - 1)
-    up, down = (
-        fem.box([*sides, height], cell) for height in ([0, 0.5, 1], [-1, -0.5, 0])
-    )
+    high, low = (fem.box([*sides, z], cell) for z in ([0, 0.5, 1], [-1, -0.5, 0]))
     material = fem.Material(YOUNG, POISSON)
     model = fem.assemble(
-        [fem.Body("low", down, material), fem.Body("high", up, material)],
+        [fem.Body("low", low, material), fem.Body("high", high, material)],
         [
             fem.Contact("high", "bottom", mu=0.4, against=("low", "top")),
-            fem.Contact(
-                "low", "bottom", 0.6, ([0.0] * (dim - 1) + [-1], np.eye(dim)[-1])
-            ),
+            fem.Contact("low", "bottom", 0.6, (-up, up)),
         ],
         [fem.Support("high", "top", range(dim))],
     )
-    down_by = [0.0] * (dim - 1) + [-0.05]
-    moved = np.array([model.prescribed([[0.02 * k, *down_by[1:]]]) for k in (0, 1)])
+    ways = [0.02 * k * np.eye(dim)[0] - 0.05 * up for k in (0, 1)]
+    moved = np.array([model.prescribed([way]) for way in ways])
     return model, model.problem().solve(prescribed=moved)
 
 
@@ -54,10 +53,7 @@ def pressed(cell: str) -> tuple[fem.Assembly, Any]:
 def test_contact_surface(cell: str) -> None:
     model, _ = pressed(cell)
     ((kind, corners),) = contact_surface(model)
-    assert (
-        kind
-        == dict(zip(CELLS, ("line", "line", "triangle", "quad"), strict=True))[cell]
-    )
+    assert kind == FACETS[cell]
     x = model.points[corners]
     if model.dim == 2:
         size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
@@ -75,13 +71,11 @@ def test_contact_surface(cell: str) -> None:
 def test_contacts_on_no_facet_are_points() -> None:
     mesh = fem.box([np.linspace(0, 1, 5), [0, 1]], "quadrilateral")
     it = fem.Body("it", mesh, fem.Material(YOUNG, POISSON))
-    part = fem.Contact("it", "bottom", 0.3, ([0, 0], [0, 1]), within={0: (0.2, 0.55)})
-    second_contact = fem.Contact(
-        "it", "top", 0.3, ([0, 1], [0, -1]), within={0: (0.9, 1.0)}
-    )
-    model = fem.assemble(
-        [it], [part, second_contact], [fem.Support("it", "left", [0, 1])]
-    )
+    contacts = [
+        fem.Contact("it", "bottom", 0.3, ([0, 0], [0, 1]), within={0: (0.2, 0.55)}),
+        fem.Contact("it", "top", 0.3, ([0, 1], [0, -1]), within={0: (0.9, 1.0)}),
+    ]
+    model = fem.assemble([it], contacts, [fem.Support("it", "left", [0, 1])])
     assert len(model.points) == 3
     (line, ends), (vertex, alone) = contact_surface(model)
     assert (line, vertex) == ("line", "vertex")
@@ -96,45 +90,42 @@ def test_files_read_back(cell: str, tmp_path: Path) -> None:
     names = {p.name for p in tmp_path.iterdir()}
     series = {f"a{part}_000{k}.vtu" for part in ("", "_contact") for k in (0, 1)}
     assert names == {"a.pvd", "a_contact.pvd"} | series
-    d = model.dim
+    d, before = model.dim, 0.0
     for k, step in enumerate(result):
         whole = meshio.read(tmp_path / f"a_000{k}.vtu")
-        stress = np.concatenate(whole.cell_data["stress"])
-        xx, yy, zz, xy, yz, xz = stress.T
+        xx, yy, zz, xy, yz, xz = np.concatenate(whole.cell_data["stress"]).T
         mises = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
         mises = np.sqrt(mises / 2 + 3 * (xy**2 + yz**2 + xz**2))
-        np.testing.assert_allclose(
-            np.concatenate(whole.cell_data["von_mises"]), mises, rtol=1e-12
-        )
+        written = np.concatenate(whole.cell_data["von_mises"])
+        np.testing.assert_allclose(written, mises, rtol=1e-12)
         u = whole.point_data["displacement"][:, :d].ravel()
         np.testing.assert_array_equal(u, step.displacement)
 
         part = meshio.read(tmp_path / f"a_contact_000{k}.vtu")
         np.testing.assert_array_equal(part.points[:, :d], model.points)
         told = {name: np.asarray(v) for name, v in part.point_data.items()}
-        normal = told["normal"][:, :d]
+        normal, slip, traction, force, moved = (
+            told[name][:, :d]
+            for name in ("normal", "slip", "traction", "force", "displacement")
+        )
         np.testing.assert_array_equal(told["status"], step.status)
         # B of the model and the fields lead to the same numbers independently.
         left = step.relative_displacement[:, 0]
         np.testing.assert_array_equal(told["gap"], left)
         v = (model.B @ step.displacement).reshape(-1, d)
         # All may stick and stay closed, where the difference is the rounding of u.
-        size = np.abs(step.displacement).max()
-        np.testing.assert_allclose(left, v[:, 0] + model.gap, atol=1e-12 * size)
+        size = 1e-12 * np.abs(step.displacement).max()
+        np.testing.assert_allclose(left, v[:, 0] + model.gap, atol=size)
         if k:
-            before = (model.B @ result[0].displacement).reshape(-1, d)
-            slip = np.einsum("cdk,ck->cd", model.frame[:, 1:], told["slip"][:, :d])
-            np.testing.assert_allclose(slip, (v - before)[:, 1:], atol=1e-12 * size)
-        np.testing.assert_allclose(np.sum(told["slip"][:, :d] * normal, axis=1), 0)
-        pressure = np.sum(told["traction"][:, :d] * normal, axis=1)
+            local = np.einsum("cdk,ck->cd", model.frame[:, 1:], slip)
+            np.testing.assert_allclose(local, (v - before)[:, 1:], atol=size)
+        before = v
+        np.testing.assert_allclose(np.sum(slip * normal, axis=1), 0)
+        pressure = np.sum(traction * normal, axis=1)
         np.testing.assert_allclose(told["pressure"], pressure, rtol=1e-12)
-        np.testing.assert_allclose(
-            told["force"].sum(axis=0)[:d], result.resultant[k], rtol=1e-12
-        )
-        np.testing.assert_allclose(
-            told["displacement"][:, :d],
-            step.displacement[model.contact_dofs[:, 0, None] + np.arange(d)],
-        )
+        np.testing.assert_allclose(force.sum(axis=0), result.resultant[k], rtol=1e-12)
+        at = model.contact_dofs[:, 0, None] + np.arange(d)
+        np.testing.assert_allclose(moved, step.displacement[at])
 
 
 def test_stress_balances_the_pressure_of_contact() -> None:

@@ -11,47 +11,26 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.fem.paraview import BodySeries, Part
-from bipot_rs.mesh import elements
+from support.boxes import CELLS, box, placed
 
 COUNT = 3
 
 
 def solved(cell: str, degree: int) -> tuple[fem.Assembly, bp.Result]:
-    """Two bodies of different cells, the upper one pressed on the lower one."""
-    d = 2 if cell in ("triangle", "quadrilateral") else 3
-    grid = [np.linspace(0, 1, 4)] * d
-    upper, lower = (fem.box(grid, kind) for kind in (cell, cell))
-    if degree == 2:
-        upper = elements.second_order(upper)
-    names = sorted(upper.boundaries)
-    assert "bottom" in names
-    down = np.zeros((d, 1))
-    down[-1] = 1.0
-    lower = type(lower)(lower.p - down, lower.t, lower.boundaries)
+    """Two bodies, the upper one, perhaps of second order, pressed on the lower one."""
+    upper, below = box(cell, degree=degree), box(cell)
+    d = CELLS[cell]
+    lower = placed(below, below.p - np.eye(d)[-1][:, None])
     bodies = [
         fem.Body("upper", upper, fem.Material(3.0, 0.3)),
         fem.Body("lower", lower, fem.Material(1.0, 0.2)),
     ]
-    contact = fem.Contact(
-        "upper", "bottom", 0.3, against=("lower", "top"), pairing="mortar"
-    )
-    every = tuple(range(d))
-    supports = [
-        fem.Support("upper", "top", every),
-        fem.Support("lower", "bottom", every),
-    ]
-    model = fem.assemble(bodies, [contact], supports)
-    pressed = [0.0] * (d - 1) + [-0.01]
-    moved = model.prescribed([pressed, [0.0] * d])
+    on = {"against": ("lower", "top"), "pairing": "mortar"}
+    ends = ("upper", "top"), ("lower", "bottom")
+    supports = [fem.Support(*end, range(d)) for end in ends]
+    model = fem.assemble(bodies, [fem.Contact("upper", "bottom", 0.3, **on)], supports)
+    moved = model.prescribed([-0.01 * np.eye(d)[-1], np.zeros(d)])
     return model, model.problem().solve(None, np.outer([0.5, 1.0], moved))
-
-
-def read(path: Path) -> meshio.Mesh:
-    return meshio.read(path)
-
-
-def stacked(fields: list[Any]) -> Any:
-    return np.concatenate(fields)
 
 
 @pytest.mark.parametrize(
@@ -64,44 +43,41 @@ def test_parts_have_the_cells_and_fields_of_the_whole(
     model, result = solved(cell, degree)
     counts = [int(body.mesh.nelements) for body in model.bodies]
     owner = [np.arange(count) % COUNT for count in counts]
-    whole = BodySeries(tmp_path / "whole.pvd", model)
     parts = [
-        BodySeries(
-            tmp_path / "it.pvd",
-            model,
-            Part(k, COUNT, [np.flatnonzero(of_rank == k) for of_rank in owner]),
-        )
+        Part(k, COUNT, [np.flatnonzero(of_rank == k) for of_rank in owner])
         for k in range(COUNT)
     ]
     every = np.concatenate(owner)
     rest = np.random.default_rng(1).normal(size=(sum(counts), 3, 3))
-    for series in (whole, *parts):
+    for series in (
+        BodySeries(tmp_path / "whole.pvd", model),
+        *(BodySeries(tmp_path / "it.pvd", model, part) for part in parts),
+    ):
         for step in result:
             series.add(step, rest, {"owner": every.astype(float)})
         series.end()
     for k in range(len(result)):
-        expected = read(tmp_path / f"whole_{k:04d}.vtu")
+        expected = meshio.read(tmp_path / f"whole_{k:04d}.vtu")
         listing = ET.parse(tmp_path / f"it_{k:04d}.pvtu").getroot()
         assert listing.attrib["type"] == "PUnstructuredGrid"
         names = [piece.attrib["Source"] for piece in listing.iter("Piece")]
         assert names == [f"it_{k:04d}_{part:04d}.vtu" for part in range(COUNT)]
         # Fields of the cells, in the order of the whole: the number of each is known.
         place = np.argsort(np.argsort(every, kind="stable"), kind="stable")
-        pieces = [read(tmp_path / name) for name in names]
+        pieces = [meshio.read(tmp_path / name) for name in names]
         for name, field in expected.cell_data.items():
-            of_rank = stacked([stacked(piece.cell_data[name]) for piece in pieces])
-            np.testing.assert_allclose(
-                of_rank[place], stacked(field), rtol=1e-12, atol=1e-15
-            )
+            of_rank = np.concatenate([x for p in pieces for x in p.cell_data[name]])
+            wanted = np.concatenate(field)
+            np.testing.assert_allclose(of_rank[place], wanted, rtol=1e-12, atol=1e-15)
         for part, piece in enumerate(pieces):
-            assert set(stacked(piece.cell_data["owner"])) == {float(part)}
+            assert set(np.concatenate(piece.cell_data["owner"])) == {float(part)}
             for name, field in expected.point_data.items():
                 # Positions of two bodies may agree, and then their fields differ.
                 for body, first in zip(model.bodies, model.offset, strict=True):
-                    node = first // model.dim
-                    check(
-                        piece, name, field[node : node + len(body.points)], body, model
+                    at = slice(
+                        first // model.dim, first // model.dim + len(body.points)
                     )
+                    check(piece, name, field[at], body, model)
         named(tmp_path / names[0], listing)
     index = ET.parse(tmp_path / "it.pvd").getroot()
     files = [item.attrib["file"] for item in index.iter("DataSet")]
@@ -112,15 +88,15 @@ def check(
     piece: meshio.Mesh, name: str, field: Any, body: fem.Body, model: fem.Assembly
 ) -> None:
     """Values of a field at nodes of one body that lie off the common plane."""
-    d = model.dim
-    fields_at = {
-        tuple(np.round(x, 9) + 0.0): value
-        for x, value in zip(body.points, field, strict=True)
-    }
-    common = {tuple(np.round(x, 9) + 0.0) for x in model.points}
-    for x, value in zip(piece.points[:, :d], piece.point_data[name], strict=True):
-        at = tuple(np.round(x, 9) + 0.0)
-        if at in fields_at and at not in common and x[-1] != 0:
+
+    def key(x: Any) -> tuple[float, ...]:
+        return tuple(np.round(x[: model.dim], 9) + 0.0)
+
+    fields_at = dict(zip(map(key, body.points), field, strict=True))
+    common = {key(x) for x in model.points}
+    for x, value in zip(piece.points, piece.point_data[name], strict=True):
+        at = key(x)
+        if at in fields_at and at not in common and at[-1] != 0:
             np.testing.assert_array_equal(value, fields_at[at])
 
 

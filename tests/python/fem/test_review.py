@@ -22,13 +22,11 @@ def cube(dim: int, name: str = "a", low: float = 0.0, size: float = 1.0) -> fem.
 
 def built(dim: int, size: float = 1.0, **contact: Any) -> fem.Assembly:
     up = np.eye(dim)[dim - 1]
-    plane = {"plane": (0 * up, up)}
     bodies = [cube(dim, size=size)]
     if "against" in contact:
         bodies.append(cube(dim, "b", -1.0, size))
-    return fem.assemble(
-        bodies, [fem.Contact("a", "bottom", 0.3, **(contact or plane))], []
-    )
+    contact = contact or {"plane": (0 * up, up)}
+    return fem.assemble(bodies, [fem.Contact("a", "bottom", 0.3, **contact)])
 
 
 def step(model: fem.Assembly, u: Any = None, v: Any = None, pressed: Any = True) -> Any:
@@ -56,13 +54,11 @@ def test_warning_of_a_rotation_gives_its_angle(dim: int, size: float) -> None:
     x[:, :dim] = model.nodes
     unit = np.cross(axial, x)[:, :dim]
     # The worst load step is named.
-    path = [step(model, a * unit) for a in (0.01, 0.06, 0.03)]
-    (warning,) = review(model, path)
+    (warning,) = review(model, [step(model, a * unit) for a in (0.01, 0.06, 0.03)])
     # 0.06 rad are 3.44 degrees.
     assert warning.startswith("rotations up to 3.4°, 0.06 rad, of body 'a' at (")
-    assert (
-        f"in load step 2 of 3, above 0.05 in {4**dim} of its {4**dim} cells" in warning
-    )
+    share = f"in {4**dim} of its {4**dim} cells"
+    assert f"in load step 2 of 3, above 0.05 {share}" in warning
     assert review(model, [step(model, 0.04 * unit)]) == []
 
 
@@ -113,10 +109,9 @@ def test_across_takes_the_narrow_side() -> None:
     i, j = np.meshgrid(np.arange(3.0), np.arange(20.0))
     flat = np.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1)
     turn, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
-    for size in (1.0, 1e-3):
-        strip = size * flat @ turn
-        # Differences of rounding only: all distances are one.
-        assert across(strip, measure_distances(strip)) == pytest.approx(3, rel=1e-12)
+    strip = 1e-3 * flat @ turn
+    # Differences of rounding only: all distances are equal.
+    assert across(strip, measure_distances(strip)) == pytest.approx(3, rel=1e-12)
     assert across(flat[:, :2][:7], np.ones(7)) == 7
     # Eleven nodes scattered over a disc, as in an irregular mesh, count as more than four.
     radius, angle = np.sqrt(np.arange(11) / 10), 2.4 * np.arange(11)
@@ -126,27 +121,33 @@ def test_across_takes_the_narrow_side() -> None:
 
 def test_result_reports_sliding_distance() -> None:
     """The summary reports a block dragged over its support by 0.4, with nodes 0.1 apart."""
-    K, B = np.eye(4), np.eye(4)
     load = [[-1.0, 0.4 + 0.3, -1.0, 0.4 + 0.3]]
-    points = np.array([[0.0, 0.0], [0.1, 0.0]])
-    result = bp.solve(K, B, load, gap=np.zeros(2), mu=0.3, points=points)
+    x = np.array([[0.0, 0.0], [0.1, 0.0]])
     # Friction carries 0.3 of the pull, and the springs of stiffness one carry the rest.
-    assert "contacts slid by up to 4 times their distance" in str(result)
-    wide = bp.solve(K, B, load, gap=np.zeros(2), mu=0.3, points=10 * points)
-    assert "slid" not in str(wide)
-    nowhere = bp.solve(K, B, load, gap=np.zeros(2), mu=0.3)
-    assert "slid" not in str(nowhere)
+    near, wide, nowhere = (
+        str(
+            bp.solve(np.eye(4), np.eye(4), load, gap=np.zeros(2), mu=0.3, points=points)
+        )
+        for points in (x, 10 * x, None)
+    )
+    assert "contacts slid by up to 4 times their distance" in near
+    assert "slid" not in wide + nowhere
+
+
+def sheared(go: list[float], across: float, down: Any, at: float, mu: float) -> Any:
+    side = {"from": 0.0, "to": 1.0, "cells": 4}
+    m = bp.Model("Pressed and sheared")
+    m.material("soft", young=1.0, poisson=0.3)
+    m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
+    m.support("block.top", x=m.times(across, "go"), y=down)
+    m.contact("block.bottom", plane={"point": [0, at], "normal": [0, 1]}, mu=mu)
+    m.path(go=go)
+    return m
 
 
 def test_model_reports_sliding_distance() -> None:
-    side = {"from": 0.0, "to": 1.0, "cells": 4}
-    m = bp.Model("Sheared far")
-    m.material("soft", young=1.0, poisson=0.3)
-    m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
-    m.support("block.top", x=m.times(0.3, "go"), y=m.times(-0.1, "go"))
-    m.contact("block.bottom", plane={"point": [0, 0.05], "normal": [0, 1]}, mu=2.0)
-    m.path(go=[0.1, 1.0])
-    of_problem, *of_model = m.solve().remarks
+    down = bp.Model.times(-0.1, "go")
+    of_problem, *of_model = sheared([0.1, 1.0], 0.3, down, 0.05, 2.0).solve().remarks
     assert of_problem.startswith("5 of the 5 contacts penetrate")
     # Sheared by 0.3 over a height of 1: a rotation and a strain of about 0.15 each.
     assert [warning.split()[0] for warning in of_model[:2]] == ["rotations", "strains"]
@@ -154,20 +155,12 @@ def test_model_reports_sliding_distance() -> None:
 
 
 def test_a_continued_path_counts_load_steps_from_its_start() -> None:
-    side = {"from": 0.0, "to": 1.0, "cells": 4}
-
-    def model(*go: float) -> Any:
-        m = bp.Model("Pressed and sheared")
-        m.material("soft", young=1.0, poisson=0.3)
-        m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
-        m.support("block.top", x=m.times(0.01, "go"), y=-0.01)
-        m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.3)
-        m.path(go=list(go))
-        return m
-
-    two = model(0.1, 0.2).solve()
+    still: Any = (0.01, -0.01, 0.0, 0.3)
+    two = sheared([0.1, 0.2], *still).solve()
     with pytest.raises(bp.NotConvergedError) as failed:
-        model(0.1, 0.2, 0.9).solve(start=two, method="uzawa", max_iterations=1)
+        sheared([0.1, 0.2, 0.9], *still).solve(
+            start=two, method="uzawa", max_iterations=1
+        )
     assert str(failed.value).startswith("load step 3: not converged")
     assert failed.value.result.message == str(failed.value)
 

@@ -8,18 +8,14 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 from bipot_rs import fem
-from bipot_rs.mesh import elements
+from support.boxes import CELLS, box, placed
 from support.comparisons import refused
-
-CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 
 def bent(cell: str, degree: int, shift: float) -> Any:
     """A mesh whose cells all differ."""
-    mesh = fem.box([np.linspace(shift, 1 + shift, 4)] * CELLS[cell], cell)
-    moved = mesh.p + 0.03 * np.random.default_rng(1).uniform(-1, 1, mesh.p.shape)
-    mesh = type(mesh)(moved, mesh.t).with_boundaries(mesh.boundaries)
-    return mesh if degree == 1 else elements.second_order(mesh)
+    grid = np.linspace(shift, 1 + shift, 4)
+    return box(cell, grid, degree=degree, bent=0.03)
 
 
 def parts(nodes: int, count: int) -> list[Any]:
@@ -50,11 +46,8 @@ def test_rows_of_parts_are_those_of_the_whole(
     cell: str, degree: int, shape: str
 ) -> None:
     """Two bodies, one with springs on two surfaces; straight cells share their matrices."""
-    d = CELLS[cell]
-    upper = bent(cell, degree, 2.0)
-    if shape == "straight":
-        upper = fem.box([np.linspace(0, 1, 4)] * d, cell)
-        upper = upper if degree == 1 else elements.second_order(upper)
+    straight = box(cell, degree=degree)
+    upper = straight if shape == "straight" else bent(cell, degree, 2.0)
     bodies = [
         fem.Body("upper", upper, fem.Material(1.0, 0.3)),
         fem.Body("lower", bent(cell, 1, 0.0), fem.Material(7.0, 0.45)),
@@ -68,24 +61,23 @@ def test_rows_of_parts_are_those_of_the_whole(
 
 def test_rows_of_volumes_with_materials_of_their_own() -> None:
     mesh = bent("hexahedron", 1, 0.0)
-    left = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) < 0.5)
-    right = np.setdiff1d(np.arange(mesh.nelements), left)
-    mesh = mesh.with_subdomains({"left": left, "right": right})
-    wood = fem.Orthotropic(
-        young=(10.0, 1.0, 0.5), poisson=(0.3, 0.3, 0.4), shear=(0.6, 0.5, 0.1)
-    )
-    body = fem.Body("it", mesh, {"left": wood, "right": fem.Material(2.0, 0.2)})
-    same_rows(fem.assemble([body], []), 4)
+    left = mesh.p[0, mesh.t].mean(axis=0) < 0.5
+    parts = {"left": np.flatnonzero(left), "right": np.flatnonzero(~left)}
+    wood = fem.Orthotropic((10.0, 1.0, 0.5), (0.3, 0.3, 0.4), (0.6, 0.5, 0.1))
+    laws = {"left": wood, "right": fem.Material(2.0, 0.2)}
+    model = fem.assemble([fem.Body("it", mesh.with_subdomains(parts), laws)], [])
+    same_rows(model, 4)
+    none = model.stiffness_rows(np.zeros(0, np.int64))
+    assert none.shape == (0, model.n)
+    assert sparse.issparse(none)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_rows_with_inclined_supports(degree: int) -> None:
     """Nodes on one and on two planes that are not normal to an axis."""
-    mesh = fem.box([np.linspace(0, 1, 4)] * 3, "hexahedron")
+    mesh = box("hexahedron", degree=degree)
     turn = Rotation.from_rotvec([0.3, 0.2, 0.5]).as_matrix()
-    mesh = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
-    mesh = mesh if degree == 1 else elements.second_order(mesh)
-    body = fem.Body("it", mesh, fem.Material(1.0, 0.3))
+    body = fem.Body("it", placed(mesh, turn @ mesh.p), fem.Material(1.0, 0.3))
     planes = [fem.Symmetry("it", "left"), fem.Symmetry("it", "front")]
     springs = [fem.Spring("it", "top", 2.0)]
     model = fem.assemble([body], [], symmetries=planes, springs=springs)
@@ -104,13 +96,6 @@ def test_without_stiffness_all_other_arrays_are_the_same() -> None:
     assert (bare.B != whole.B).nnz == 0
     for name in ("gap", "mu", "area", "points", "frame", "fixed", "contact_dofs"):
         np.testing.assert_array_equal(getattr(bare, name), getattr(whole, name))
-
-
-def test_rows_of_no_nodes() -> None:
-    body = fem.Body("it", bent("triangle", 1, 0.0), fem.Material(1.0, 0.3))
-    none = fem.assemble([body], []).stiffness_rows(np.zeros(0, np.int64))
-    assert none.shape == (0, body.points.size)
-    assert sparse.issparse(none)
 
 
 def test_a_folded_cell_has_its_number_in_the_whole_mesh() -> None:
