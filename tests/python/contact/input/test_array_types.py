@@ -88,6 +88,11 @@ def answers(given: dict[str, Any]) -> list[Array]:
 PLAIN = answers(GIVEN)
 
 
+def equal(values: list[Array], expected: list[Array]) -> None:
+    for value, other in zip(values, expected, strict=True):
+        np.testing.assert_array_equal(value, other)
+
+
 def strided(x: Array) -> Array:
     wide = np.full(tuple(3 * n for n in x.shape), np.nan)
     view = wide[tuple(slice(1, None, 3) for _ in x.shape)]
@@ -159,8 +164,7 @@ def test_dense(argument: str, clothes: str) -> None:
     plain = GIVEN[argument]
     worn = CLOTHES[clothes](plain)
     before = np.array(worn.array if isinstance(worn, Wrapped) else worn)
-    for value, expected in zip(answers(GIVEN | {argument: worn}), PLAIN, strict=True):
-        np.testing.assert_array_equal(value, expected)
+    equal(answers(GIVEN | {argument: worn}), PLAIN)
     after = np.array(worn.array if isinstance(worn, Wrapped) else worn)
     assert before.tobytes() == after.tobytes()
 
@@ -173,9 +177,7 @@ def test_integers(argument: str, kind: type) -> None:
     if argument == "K" and whole is not None:
         plain = np.diag(np.arange(1.0, 7.0))
     expected = answers(GIVEN | {argument: plain})
-    values = answers(GIVEN | {argument: plain.astype(kind)})
-    for value, other in zip(values, expected, strict=True):
-        np.testing.assert_array_equal(value, other)
+    equal(answers(GIVEN | {argument: plain.astype(kind)}), expected)
 
 
 def unsorted(x: Any) -> Any:
@@ -278,8 +280,7 @@ def contents(matrix: Any) -> list[bytes]:
 def test_sparse(argument: str, clothes: str) -> None:
     worn = SPARSE[clothes](GIVEN[argument])
     before = contents(worn)
-    for value, expected in zip(answers(GIVEN | {argument: worn}), PLAIN, strict=True):
-        np.testing.assert_array_equal(value, expected)
+    equal(answers(GIVEN | {argument: worn}), PLAIN)
     if clothes not in ("lil csr_array", "lil csr_matrix", "lil float32"):
         assert contents(worn) == before
 
@@ -287,18 +288,10 @@ def test_sparse(argument: str, clothes: str) -> None:
 @pytest.mark.parametrize("argument", ["mu", "mu of W", "mu of tau"])
 def test_one_number_for_all(argument: str) -> None:
     size = len(GIVEN[argument])
-    expected = answers(GIVEN | {argument: np.full(size, 0.25)})
-    for worn in (
-        0.25,
-        np.float32(0.25),
-        np.array(0.25),
-        np.array(0.25, dtype=">f4"),
-        np.full(size, 0.25)[::-1],
-    ):
-        for value, other in zip(
-            answers(GIVEN | {argument: worn}), expected, strict=True
-        ):
-            np.testing.assert_array_equal(value, other)
+    plain = answers(GIVEN | {argument: np.full(size, 0.25)})
+    numbers = 0.25, np.float32(0.25), np.array(0.25), np.array(0.25, dtype=">f4")
+    for worn in (*numbers, np.full(size, 0.25)[::-1]):
+        equal(answers(GIVEN | {argument: worn}), plain)
 
 
 @pytest.mark.parametrize(

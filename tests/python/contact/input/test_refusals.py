@@ -203,6 +203,9 @@ class Drawn:
 
 
 HALF = np.tril(G.K)
+# The negative entry is away from contact.
+LONE = np.diag([0, 0, 0, 0, -1.0, 0])
+LONE[np.ix_(*[[0, 1, 2, 3, 5]] * 2)] = np.delete(np.delete(G.K, 4, 0), 4, 1)
 FRAMES = [
     np.array([np.eye(2), wrong])
     for wrong in (
@@ -393,6 +396,7 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
      r"symmetric.*\[2, 3\].*7\.5|symmetric.*\[3, 2\].*7\.5"),
     (problem, "K", G.K - 3 * np.eye(6), VALUE, "definite"),
     (problem, "K", put(G.K, (4, 4), -1.0), VALUE, r"definite"),
+    (problem, "K", LONE, VALUE, r"\b4\b"),
     (problem, "K", put(G.K, (0, 0), -1e-3), VALUE, "indefinite"),
 ]  # fmt: skip
 

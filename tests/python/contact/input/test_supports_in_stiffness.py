@@ -34,63 +34,48 @@ def enforced(K: Any, held: Any) -> Any:
 def test_enforced(block: dict[str, Any]) -> None:
     K = enforced(block["K"], block["fixed"])
     count, first = len(block["fixed"]), block["fixed"][0]
-    told: dict[str, Any] = {"gap": block["model"].gap, "mu": 0.3}
-    for matrix, words in ((K, ("rows", "columns")), (K.T.tocsr(), ("columns", "rows"))):
-        with pytest.raises(ValueError, match="stiffness K is not symmetric") as failed:
-            bp.ContactProblem(matrix, block["B"], **told)
-        message = str(failed.value)
-        assert (
-            f"; {count} {words[0]} of K, first {first}, contain the diagonal only"
-            in message
-        )
-        assert f"but the {words[1]} more: supports were written into K" in message
-        assert "as by skfem.enforce; expected K as assembled, with fixed=" in message
-    # One support, and an asymmetry of another kind.
-    with pytest.raises(
-        ValueError, match=r"; 1 row of K, first 3, contains the diagonal"
-    ):
-        bp.ContactProblem(enforced(block["K"], [3]), block["B"], **told)
     lower = sparse.tril(block["K"]).tocsr()
-    with pytest.raises(ValueError, match="stores its lower triangle only"):
-        bp.ContactProblem(lower, block["B"], **told)
     other = block["K"].copy()
     other[0, 1] *= 2
-    with pytest.raises(ValueError, match="is not symmetric") as failed:
-        bp.ContactProblem(other, block["B"], **told)
-    assert "skfem" not in str(failed.value)
+    for matrix, said in (
+        (
+            K,
+            rf"not symmetric.*; {count} rows of K, first {first}, contain the diagonal",
+        ),
+        (K, r"but the columns more: supports were written into K, as by skfem.enforce"),
+        (K.T.tocsr(), rf"; {count} columns of K, .* but the rows more: supports were"),
+        (enforced(block["K"], [3]), r"; 1 row of K, first 3, contains the diagonal"),
+        (lower, "stores its lower triangle only"),
+        # An asymmetry of another kind.
+        (other, r"is not symmetric((?!skfem).)*$"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            bp.ContactProblem(matrix, block["B"], gap=block["model"].gap, mu=0.3)
 
 
 def test_condensed(block: dict[str, Any]) -> None:
     n = block["K"].shape[0]
     kept = np.setdiff1d(np.arange(n), block["fixed"])
-    K = block["K"][kept][:, kept]
+    K, B = block["K"][kept][:, kept], block["B"]
     told: dict[str, Any] = {"gap": block["model"].gap, "mu": 0.3}
-    with pytest.raises(
-        ValueError, match=r"expected 40 columns, as many as K"
-    ) as failed:
-        bp.ContactProblem(K, block["B"], **told)
-    message = str(failed.value)
-    assert (
-        "were degrees of freedom removed from K, as by skfem.condense, but not from B?"
-        in message
-    )
-    assert (
-        "Pass both complete, and fixed= for the supported degrees of freedom" in message
-    )
-    with pytest.raises(
-        ValueError, match=r"removed from B, as by skfem.condense, but not from K"
+    for stiffness, contacts, said in (
+        (
+            K,
+            B,
+            r"expected 40 columns, as many as K.* by skfem.condense, but not from B\?",
+        ),
+        (
+            block["K"],
+            B[:, kept],
+            "removed from B, as by skfem.condense, but not from K",
+        ),
+        # The results of these functions, passed on unchanged.
+        ((K, kept, np.zeros(n), kept), B, "K is a tuple of 4 that begins with"),
+        ((block["K"], np.zeros(n)), B, "K is a tuple of 2 that begins with"),
     ):
-        bp.ContactProblem(block["K"], block["B"][:, kept], **told)
-    # The results of these functions, passed on unchanged.
-    for pair in (
-        (K, np.zeros(len(kept)), np.zeros(n), kept),
-        (block["K"], np.zeros(n)),
-    ):
-        with pytest.raises(
-            TypeError, match=f"K is a tuple of {len(pair)} that begins with"
-        ):
-            bp.ContactProblem(pair, block["B"], **told)
-    whole = bp.ContactProblem(block["K"], block["B"], **told, fixed=block["fixed"])
+        with pytest.raises((ValueError, TypeError), match=said):
+            bp.ContactProblem(stiffness, contacts, **told)
+    whole = bp.ContactProblem(block["K"], B, **told, fixed=block["fixed"])
     with pytest.raises(
         ValueError,
         match=r"K has shape \(40, 40\), expected \(50, 50\) as before, including",
@@ -99,9 +84,8 @@ def test_condensed(block: dict[str, Any]) -> None:
     # K and B both condensed: an ordinary problem with the same solution.
     load = np.zeros(n)
     load[1::2] = -1.0
-    of_whole = whole.solve(load)
-    other = bp.ContactProblem(K, block["B"][:, kept], **told).solve(load[kept])
-    assert np.allclose(of_whole.reaction, other.reaction, rtol=0, atol=1e-9)
+    other = bp.ContactProblem(K, B[:, kept], **told).solve(load[kept])
+    assert np.allclose(whole.solve(load).reaction, other.reaction, rtol=0, atol=1e-9)
 
 
 def test_condensed_in_a_file(block: dict[str, Any], bipot: Any) -> None:

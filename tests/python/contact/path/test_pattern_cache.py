@@ -1,6 +1,6 @@
 """Problems with one pattern share their orderings, which are counted."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ def orderings(made: bp.ContactProblem) -> int:
 
 
 def test_a_pattern_is_ordered_once_whatever_the_numbers() -> None:
+    """Also those of an update."""
     pattern, other = body(9), body(9, young=7.0)
     first = problem(pattern)
     again = problem(other, mu=0.1, gap=other.gap + 0.25, area=None, num_threads=1)
@@ -37,6 +38,8 @@ def test_a_pattern_is_ordered_once_whatever_the_numbers() -> None:
     assert again.stats["ordering"] == first.stats["ordering"]
     assert again.stats["flops"] == first.stats["flops"]
     assert again.stats["seconds_order"] == again.stats["seconds_symbolic"] == 0
+    again.update(3.0 * pattern.K)
+    assert orderings(again) == 0
 
 
 def test_stored_zeros() -> None:
@@ -110,16 +113,12 @@ def test_the_least_recently_used_pattern_is_dropped(
 ) -> None:
     monkeypatch.setenv(LIMIT, "1")
     # Some 0.3 MB each: three fit, four do not.
-    sizes = [body(cells) for cells in (24, 25, 26, 27)]
-    assert [orderings(problem(of)) for of in sizes[:2]] == [1, 1]
-    assert orderings(problem(sizes[0])) == 0
-    assert [orderings(problem(of)) for of in sizes[2:]] == [1, 1]
-    assert orderings(problem(sizes[3])) == 0
-    assert orderings(problem(sizes[1])) == 1
+    a, b, c, d = (body(cells) for cells in (24, 25, 26, 27))
     # A pattern larger than the limit is made each time and removes no other.
     large = block([4.0, 2.0], [140, 70], 1.0, 0.3)
-    assert [orderings(problem(large)) for _ in range(2)] == [1, 1]
-    assert orderings(problem(sizes[1])) == 0
+    asked = [(a, 1), (b, 1), (a, 0), (c, 1), (d, 1), (d, 0), (b, 1)]
+    for pattern, count in [*asked, (large, 1), (large, 1), (b, 0)]:
+        assert orderings(problem(pattern)) == count
 
 
 @pytest.mark.parametrize("value", ["abc", "-1", "1.5", "64MB", "9" * 40])
@@ -133,30 +132,16 @@ def test_a_wrong_cache_size(value: str, monkeypatch: pytest.MonkeyPatch) -> None
     assert problem(body(6)).stats["n"] > 0
 
 
-def test_update_counts_no_ordering() -> None:
-    here = body(6)
-    made = problem(here)
-    made.update(3.0 * here.K)
-    assert orderings(made) == 0
-
-
 def test_threads_share_one_pattern() -> None:
     here = body(11)
     expected = problem(here).compliance.tobytes()
-    compliances: list[bytes] = []
 
-    def work() -> None:
-        for cells in (11, 5, 11):
-            made = problem(body(cells), num_threads=1)
-            if cells == 11:
-                compliances.append(made.compliance.tobytes())
+    def work(cells: int) -> bytes:
+        return problem(body(cells), num_threads=1).compliance.tobytes()
 
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert compliances == [expected] * 8
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(work, [11, 5, 11] * 4))
+    assert answers[::3] + answers[2::3] == [expected] * 8
 
 
 def test_a_forked_child_has_its_own() -> None:
@@ -167,5 +152,5 @@ def test_a_forked_child_has_its_own() -> None:
         assert [orderings(problem(here)) for _ in range(2)] == [1, 0]
         assert problem(here).compliance.tobytes() == expected
 
-    forked(work)
+    assert forked(work).returncode == 0
     assert orderings(problem(here)) == 0
