@@ -171,39 +171,22 @@ def closed_share(mu: float, beta: float) -> float:
 def a13(fine: bool = False) -> list[Refinement]:
     """A flat punch, at rest without friction and sliding with μ = 1/2."""
     sizes, source = SIZES + FINE * fine, "[J85, ch. 2]"
-    rows_by_size = []
+    tables = []
     for mu, what in ((0.0, "at rest"), (0.5, "sliding")):
         runs = [punch(h, mu) for h in sizes]
         share = [
             (closed_share(mu, beta), within_08(x, r[:, 0])) for x, _, r, beta in runs
         ]
         # The singular edges are resolved to one cell, which acts like a wider punch.
-        rows_by_size.append(
-            refine(
-                f"share of the force in abs(x) < 0.8a, {what}",
-                source,
-                sizes,
-                share,
-                order=0.8,
-                within=0.04,
-            )
-        )
-        if mu:
-            centre = [
-                (2 * np.arctan(mu * beta) / np.pi, float(r[:, 0] @ x / r[:, 0].sum()))
-                for x, _, r, beta in runs
-            ]
-            rows_by_size.append(
-                refine(
-                    "centre of pressure, sliding",
-                    source,
-                    sizes,
-                    centre,
-                    order=0.7,
-                    within=0.02,
-                )
-            )
-    return rows_by_size
+        what = f"share of the force in abs(x) < 0.8a, {what}"
+        tables.append(refine(what, source, sizes, share, order=0.8, within=0.04))
+    centre = [
+        (2 * np.arctan(mu * beta) / np.pi, float(r[:, 0] @ x / r[:, 0].sum()))
+        for x, _, r, beta in runs
+    ]
+    what = "centre of pressure, sliding"
+    tables.append(refine(what, source, sizes, centre, order=0.7, within=0.02))
+    return tables
 
 
 CASES = {"a7": a7, "a9": a9, "a13": a13}

@@ -17,7 +17,7 @@ from cases.loaded_pin import loaded
 from cases.plane import SIZES, line
 from cases.space import SIZES as SIZES_SPACE
 from cases.space import sphere
-from cases.verification import Row, exact, near, same
+from cases.verification import Row, exact, exactly, near, same
 from support.bodies import block, uniform_shear
 from support.conditions import violation
 from support.places import REFERENCE
@@ -82,56 +82,33 @@ def p1() -> list[Row]:
         near(f"u_x at {name}, 64² cells [m]", PLATE, want, got, 0.05)
         for name, want, got in zip(names, published, shift(64, at), strict=True)
     ]
-    # Five digits are printed.
-    on_32 = near(
-        "u_x at A–E, 32² cells [m]",
-        "independent program",
-        independent,
-        shift(32, at),
-        1.8e-5,
-    )
+    source = "independent program"
     line_16, statuses = contact_line()
     model, load, result = plate(16)
     u, r = result.displacement[-1], along(model, result.reaction[-1])
     u_x = u[along(model, model.contact_dofs[:, 0])]
     balance = (model.K @ u - load - model.B.T @ result.reaction[-1].ravel())[1::2]
     got = [bp.Status(int(s)).name.lower() for s in along(model, result.status[-1])]
-    source = "independent program"
     others = [
         exact(f"r in {word}", "5 steps", r, along(m, other.reaction[-1]), 1e-9)
         for steps, word in ((1, "1 step"), (20, "20 steps"))
         for m, _, other in [plate(16, steps)]
     ]
+    on_32, on_64, on_128 = (shift(n, at) for n in (32, 64, 128))
+    corner, runs = balance.sum(), [" ".join(counted(x)) for x in (statuses, got)]
+    at_corner = "sum of r_n and force at the corner [N/m]"
     return [
         *rows,
-        on_32,
+        # Five digits are printed.
+        near("u_x at A–E, 32² cells [m]", source, independent, on_32, 1.8e-5),
         # Ends of zones move by parts of a cell, so that the error has no clean order.
-        near(
-            "u_x at A–E, 64² cells [m]",
-            "128² cells",
-            shift(128, at),
-            shift(64, at),
-            2e-4,
-        ),
+        near("u_x at A–E, 64² cells [m]", "128² cells", on_128, on_64, 2e-4),
         near("contact line, 16² cells, u_x [m]", source, line_16[:, 0], u_x, 1e-6),
         near("contact line, 16² cells, r [N/m]", source, line_16[:, 2:], r, 1e-6),
-        same(
-            "statuses on the contact line",
-            source,
-            " ".join(counted(statuses)),
-            " ".join(counted(got)),
-        ),
+        same("statuses on the contact line", source, *runs),
         near("sum of r_n [N/m]", source, 1.89514798e6, r[:, 0].sum(), 1e-8),
-        near(
-            "force at the held corner [N/m]", source, 1.04852021e5, balance.sum(), 1e-8
-        ),
-        exact(
-            "sum of r_n and force at the corner [N/m]",
-            "statics",
-            2e6,
-            r[:, 0].sum() + balance.sum(),
-            1e-10,
-        ),
+        near("force at the held corner [N/m]", source, 1.04852021e5, corner, 1e-8),
+        exact(at_corner, "statics", 2e6, r[:, 0].sum() + corner, 1e-10),
         *others,
     ]
 
@@ -180,33 +157,15 @@ def p3() -> list[Row]:
     slip, _, moved = pad(3636.0)
     # The weak springs carry 2 · 0.005 · 2 N of the 12000, so that friction is 0.006 N
     # less than in the source.
-    limit = 0.3 * (12000 - 0.02)
+    limit, included = 0.3 * (12000 - 0.02), "the same, weak springs included"
+    held, still, force = stick[:, 1].sum(), still[:, 0], slip[:, 1].sum()
     return [
-        exact("sum of r_t under 3564 N [N]", PAD, -3564.0, stick[:, 1].sum(), 1e-10),
-        exact(
-            "slip under 3564 N [mm]",
-            PAD,
-            np.zeros(len(still)),
-            still[:, 0],
-            1e-10,
-            size=9.0,
-        ),
-        near("sum of r_t under 3636 N [N]", PAD, -3600.0, slip[:, 1].sum(), 1e-5),
-        exact(
-            "the same, weak springs included",
-            "statics",
-            -limit,
-            slip[:, 1].sum(),
-            1e-10,
-        ),
+        exact("sum of r_t under 3564 N [N]", PAD, -3564.0, held, 1e-10),
+        exact("slip under 3564 N [mm]", PAD, 0 * still, still, 1e-10, size=9.0),
+        near("sum of r_t under 3636 N [N]", PAD, -3600.0, force, 1e-5),
+        exact(included, "statics", -limit, force, 1e-10),
         near("slip under 3636 N [mm]", PAD, 9.0, moved, 1e-3),
-        exact(
-            "the same, weak springs included",
-            "statics",
-            (3636 - limit) / 4,
-            moved,
-            1e-9,
-        ),
+        exact(included, "statics", (3636 - limit) / 4, moved, 1e-9),
     ]
 
 
@@ -240,17 +199,9 @@ def p5() -> list[Row]:
         problem = bp.ReducedProblem(np.array(data["W"]), q, np.array(data["mu"]))
         solution = problem.solve(tol=1e-12)
         v = np.array(data["u_checked"]).reshape(shape)
-        size = float(np.abs(q).max())
-        rows.append(
-            exact(
-                f"v of `{name}`",
-                "Siconos; independent Gauss–Seidel",
-                v,
-                solution.relative_displacement,
-                1e-9,
-                size=size,
-            )
-        )
+        got, size = solution.relative_displacement, float(np.abs(q).max())
+        what, source = f"v of `{name}`", "Siconos; independent Gauss–Seidel"
+        rows.append(exact(what, source, v, got, 1e-9, size=size))
     return rows
 
 
@@ -278,62 +229,41 @@ def p6() -> list[Row]:
     # Levels so small that only the squares of displacements differ.
     small = np.array([0.01, 0.02])
     linear = pressed_ring.pressed(6, 40, 0.0, small).reaction[:, :, 0].sum(axis=1)
-    exactly = np.array([figure.force for figure in ring_large.pressed(6, 40, small)])
-    differences = linear / exactly - 1
+    nonlinear = np.array([figure.force for figure in ring_large.pressed(6, 40, small)])
+    differences = linear / nonlinear - 1
     coarse, middle, fine = (ring(n, 0.4) for n in LAYERS)
     forces = [figure.reaction[:2, :, 0].sum(axis=1) for figure in (middle, fine)]
     series = [pressed_ring.side_by_series(fine.angle, r) for r in fine.reaction]
     errors = [
-        np.linalg.norm(
-            figure.side[1]
-            - pressed_ring.side_by_series(figure.angle, figure.reaction[1])
-        )
-        for figure in (coarse, middle, fine)
+        np.linalg.norm(f.side[1] - pressed_ring.side_by_series(f.angle, f.reaction[1]))
+        for f in (coarse, middle, fine)
     ]
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
-    return [
-        # code_aster prints eleven digits or more.
-        exact(
-            "u_x of the side, large displacements [cm]",
-            RING,
+    # code_aster prints eleven digits or more.
+    pairs = {
+        "u_x of the side, large displacements [cm]": (
             RING_SIDE,
             [figure.side for figure in large[1::2]],
-            1e-9,
         ),
-        exact(
-            "forces on the outer circle, large displacements [N/cm]",
-            RING,
+        "forces on the outer circle, large displacements [N/cm]": (
             RING_SUM,
             [figure.outside for figure in large],
-            1e-9,
         ),
+    }
+    order = np.log2(differences[1] / differences[0])
+    far, source = (4 * forces[1] - forces[0]) / 3, "extrapolated from 24 and 48 layers"
+    sums = fine.reaction[:, :, 0].sum(axis=1)
+    return [
+        *exactly(RING, 1e-9, pairs),
         # Their difference is that of the theories, 0.25 %.
-        near("force for 0.01 cm [N/cm]", LARGE, exactly[0], linear[0], 3e-3),
-        near(
-            "order of this difference in the approach",
-            LARGE,
-            1.0,
-            np.log2(differences[1] / differences[0]),
-            0.02,
-        ),
+        near("force for 0.01 cm [N/cm]", LARGE, nonlinear[0], linear[0], 3e-3),
+        near("order of this difference in the approach", LARGE, 1.0, order, 0.02),
         # Second order; the end of the contact moves by parts of a cell.
-        near(
-            "force, μ = 0.4, 48 layers [N/cm]",
-            "extrapolated from 24 and 48 layers",
-            forces[1] + (forces[1] - forces[0]) / 3,
-            forces[1],
-            5e-4,
-        ),
+        near("force, μ = 0.4, 48 layers [N/cm]", source, far, forces[1], 5e-4),
         # 2.5e-4 at this mesh, a quarter of that of half as many layers.
         near("u_x of the side, 48 layers [cm]", SERIES, series, fine.side, 4e-4),
         near("order of the error of u_x", SERIES, [2.0, 2.0], orders, 0.02),
-        exact(
-            "sum of r_n [N/cm]",
-            "force on the cut",
-            fine.cut,
-            fine.reaction[:, :, 0].sum(axis=1),
-            1e-10,
-        ),
+        exact("sum of r_n [N/cm]", "force on the cut", fine.cut, sums, 1e-10),
     ]
 
 
@@ -394,74 +324,41 @@ def p7() -> list[Row]:
     thin_and_thick = [np.linalg.norm(np.subtract(*p)) for p in ((bar, drawn), thick)]
     forces = [drawing_force(n)[1:9] for n in (2, 4, 8)]  # a part sticks
     changes = [float(a[0] - b[0]) for a, b in pairwise(forces)]
-    force = drawing_force(4)
+    force, friction = drawing_force(4), -sum(faces)[:, 0]
+    pressed, full = np.abs([f[:, 1] for f in faces]), np.full((2, 11), 100.0)
+    far, source = 2 * forces[2] - forces[1], "extrapolated from 4 and 8 cells"
+    orders = [
+        np.log2(thin_and_thick[1] / thin_and_thick[0]),
+        np.log2(changes[0] / changes[1]),
+    ]
+    singular = "edges of the tools are singular"
     return [
         exact("force when all slips [N/mm]", "statics", 26.84, force[-1], 1e-10),
-        exact(
-            "friction on the sheet [N/mm]",
-            "drawing force",
-            force,
-            -sum(faces)[:, 0],
-            1e-9,
-        ),
-        exact(
-            "r_n of die and holder [N/mm]",
-            "statics",
-            np.full((2, 11), 100.0),
-            np.abs([f[:, 1] for f in faces]),
-            1e-9,
-        ),
+        exact("friction on the sheet [N/mm]", "drawing force", force, friction, 1e-9),
+        exact("r_n of die and holder [N/mm]", "statics", full, pressed, 1e-9),
         exact("violation of (6) and (8)", "inequalities", 0.0, law, 1e-9, size=1.0),
         # The sheet is a bar up to its thickness over the length of the tools.
         near("drawn length, ν = 0, 0.25 mm thick [mm]", BAR, bar, drawn, 2e-3),
-        near(
-            "order of this difference in the thickness",
-            BAR,
-            1.0,
-            np.log2(thin_and_thick[1] / thin_and_thick[0]),
-            0.1,
-        ),
+        near("order of this difference in the thickness", BAR, 1.0, orders[0], 0.1),
         # First order: half of the change from 4 to 8 cells, 2.3e-4, is left.
-        near(
-            "force, 8 cells [N/mm]",
-            "extrapolated from 4 and 8 cells",
-            2 * forces[2] - forces[1],
-            forces[2],
-            4e-4,
-        ),
+        near("force, 8 cells [N/mm]", source, far, forces[2], 4e-4),
         # Of the first step, in which the end of the slip zone moves least.
-        near(
-            "order of its error in h",
-            "edges of the tools are singular",
-            1.0,
-            np.log2(changes[0] / changes[1]),
-            0.2,
-        ),
+        near("order of its error in h", singular, 1.0, orders[1], 0.2),
     ]
 
 
 def p8() -> list[Row]:
     """Pin that pulls a lug, NAFEMS contact benchmark 4; N and mm."""
     coarse, fine = loaded(4, 0.1), loaded(8, 0.1)
+    pressure = fine.traction[0, 0]
     return [
         # The source has large displacements; here they are 0.7 % of the end of the lug.
         near("u_x of the hole in front [mm]", PIN, 0.736165779271, fine.front, 5e-3),
         # The source extrapolates stresses from its cells.
-        near(
-            "pressure in front [MPa]", PIN, 160.40113477117, fine.traction[0, 0], 0.05
-        ),
+        near("pressure in front [MPa]", PIN, 160.40113477117, pressure, 0.05),
         near("u_x, 144 cells around", "72 cells", coarse.front, fine.front, 1e-3),
         exact("force on the hole [N/mm]", "statics", 1e4, fine.force, 1e-10),
     ]
 
 
-CASES = {
-    "p1": p1,
-    "p2": p2,
-    "p3": p3,
-    "p4": p4,
-    "p5": p5,
-    "p6": p6,
-    "p7": p7,
-    "p8": p8,
-}
+CASES = {f.__name__: f for f in (p1, p2, p3, p4, p5, p6, p7, p8)}

@@ -112,37 +112,16 @@ def a17(fine: bool = False) -> list[Refinement]:
     cells = [4, 8, 16, *[32] * fine]
     sizes, source = [1 / n for n in cells], "Lamé, closed form"
     orders = {"P1": 1.8, "Q1": 1.9, "P2": 3.5, "Q2": 3.8}
-    found = [
-        refine(
-            f"pressure of a shrink fit, {kind}, mortar",
-            source,
-            sizes,
-            [
-                (lame_fit(1e-3), mean_pressure(*_result_and_area(kind, n)))
-                for n in cells
-            ],
-            order=order,
-            within=1e-3 if kind.endswith("1") else 1e-7,
-        )
-        for kind, order in orders.items()
-    ]
-    in_space = [(lame_fit(1e-3), quarter(n)) for n in (2, 4, 8)]
-    return [
-        *found,
-        refine(
-            "the same, a quarter in space",
-            source,
-            [0.5, 0.25, 0.125],
-            in_space,
-            order=1.8,
-            within=3e-3,
-        ),
-    ]
-
-
-def _result_and_area(kind: str, n: int) -> tuple[Any, Array]:
-    result, model = fit(kind, n)
-    return result, model.area
+    found, exact = [], lame_fit(1e-3)
+    for kind, order in orders.items():
+        what = f"pressure of a shrink fit, {kind}, mortar"
+        within = 1e-3 if kind.endswith("1") else 1e-7
+        fits = [fit(kind, n) for n in cells]
+        pairs = [(exact, mean_pressure(result, model.area)) for result, model in fits]
+        found.append(refine(what, source, sizes, pairs, order=order, within=within))
+    pairs, sizes = [(exact, quarter(n)) for n in (2, 4, 8)], [0.5, 0.25, 0.125]
+    what = "the same, a quarter in space"
+    return [*found, refine(what, source, sizes, pairs, order=1.8, within=3e-3)]
 
 
 HELD = [fem.Support("base", "bottom", (1,)), fem.Support("base", "right", (0,))]

@@ -135,6 +135,13 @@ def exact(
     )
 
 
+def exactly(
+    source: str, within: float, pairs: dict[str, tuple[ArrayLike, ArrayLike]]
+) -> list[Row]:
+    """`exact` for several quantities: expected and computed by name."""
+    return [exact(what, source, *pair, within) for what, pair in pairs.items()]
+
+
 def near(
     what: str,
     source: str,
