@@ -31,12 +31,10 @@ def test_parts_do_not_depend_on_the_order_of_equal_places() -> None:
     points = np.repeat(np.arange(4.0)[:, None], 4, axis=0)
     owner = divide_by_coordinates(points, 3)
     np.testing.assert_array_equal(owner, divide_by_coordinates(points.copy(), 3))
-    assert np.bincount(owner).tolist() == [5, 5, 6] or np.ptp(np.bincount(owner)) <= 1
-
-
-def test_more_parts_than_nodes() -> None:
+    assert np.ptp(np.bincount(owner)) <= 1
+    # More parts than nodes.
     owner = divide_by_coordinates(np.arange(6.0).reshape(3, 2), 5)
-    assert sorted(owner) == sorted(set(owner))
+    assert len(set(owner)) == 3
 
 
 @pytest.mark.parametrize("degree", [1, 2])

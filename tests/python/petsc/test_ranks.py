@@ -2,7 +2,9 @@
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,23 +21,13 @@ class Killed(BaseException):
     """What a rank raises here instead of ending its process."""
 
 
-class Request:
-    """A barrier that a rank has reached."""
-
-    def __init__(self, shared: "Shared", turn: int) -> None:
-        self.shared, self.turn = shared, turn
-
-    def Test(self) -> bool:
-        return self.shared.arrived.get(self.turn, 0) == COUNT
-
-
 class Shared:
     """What the ranks of a communicator have in common."""
 
     def __init__(self) -> None:
         self.barrier = threading.Barrier(COUNT)
         self.values: list[Any] = [None] * COUNT
-        self.arrived: dict[int, int] = {}
+        self.arrived: Counter[int] = Counter()
         self.lock = threading.Lock()
 
 
@@ -45,14 +37,13 @@ class Communicator:
     def __init__(self, shared: Shared, rank: int) -> None:
         self.shared, self.rank, self.size = shared, rank, COUNT
         self.turns = 0
-        self.others: dict[str, Communicator] = {}
 
-    def Ibarrier(self) -> Request:
+    def Ibarrier(self) -> Any:
         with self.shared.lock:
             self.turns += 1
-            arrived = self.shared.arrived
-            arrived[self.turns] = arrived.get(self.turns, 0) + 1
-        return Request(self.shared, self.turns)
+            self.shared.arrived[self.turns] += 1
+        turn = self.turns
+        return SimpleNamespace(Test=lambda: self.shared.arrived[turn] == COUNT)
 
     def allgather(self, value: Any) -> list[Any]:
         self.shared.values[self.rank] = value
@@ -82,23 +73,22 @@ class Mpi:
 
 
 def played(part: Callable[[World], Any]) -> list[Any]:
-    """What each rank returns or raises."""
+    """What each rank returns or raises, and the messages of ranks that end the others."""
     both = Shared(), Shared()
     ends: list[Any] = [None] * COUNT
+    heard: list[Any] = []
+
+    def said(error: BaseException) -> tuple[int, str]:
+        return (130 if isinstance(error, KeyboardInterrupt) else 2), str(error)
 
     def play(rank: int) -> None:
-        def said(error: BaseException) -> tuple[int, str]:
-            return (130 if isinstance(error, KeyboardInterrupt) else 2), str(error)
-
-        world = World(
-            Mpi(both, rank), Interrupts(), said, lambda *words: heard.append(words)
-        )
+        tell = lambda *words: heard.append(words)  # noqa: E731
+        world = World(Mpi(both, rank), Interrupts(), said, tell)
         try:
             ends[rank] = part(world)
         except BaseException as error:  # noqa: BLE001 - what the test asks about
             ends[rank] = error
 
-    heard: list[Any] = []
     threads = [threading.Thread(target=play, args=(rank,)) for rank in range(COUNT)]
     for thread in threads:
         thread.start()
@@ -169,52 +159,53 @@ def test_all_go_on_after_an_error_in_an_inner_part() -> None:
     assert played(part) == ["done"] * COUNT + [[]]
 
 
-def test_the_same_error_of_all_ranks_stays_as_it_is() -> None:
-    def part(world: World) -> None:
-        with world.together():
-            raise MemoryError("too large")
-
-    *ends, _ = played(part)
-    assert [type(end) for end in ends] == [MemoryError] * COUNT
+def same_error(world: World, _: list[int]) -> None:
+    with world.together():
+        raise MemoryError("too large")
 
 
-def test_a_signal_to_one_rank_stops_all() -> None:
-    def part(world: World) -> None:
-        with world.together():
-            if world.number == 2:
-                world._signals._handle(15, None)
-
-    *ends, _ = played(part)
-    assert [type(end) for end in ends] == [KeyboardInterrupt] * COUNT
+def signal_between(world: World, done: list[int]) -> None:
+    with world.together():
+        if world.number == 2:
+            world._signals._handle(15, None)
+    done.append(world.number)
 
 
-def test_signals_wait_until_files_are_written() -> None:
-    def part(world: World) -> str:
-        signals = world._signals
-        signals.hold()
-        with world.together():
-            if world.number == 2:
-                signals._handle(15, None)
-        with world.together():
-            signals.release()
-        return "not reached"
-
-    *ends, _ = played(part)
-    assert [type(end) for end in ends] == [KeyboardInterrupt] * COUNT
+def signal_while_files_are_written(world: World, done: list[int]) -> None:
+    signals = world._signals
+    signals.hold()
+    with world.together():
+        if world.number == 2:
+            signals._handle(15, None)
+    with world.together():
+        signals.release()
+    done.append(world.number)
 
 
-def test_a_signal_during_a_step_stops_all_after_it() -> None:
-    done = []
+def signal_in_a_step(world: World, done: list[int]) -> None:
+    """It stops all after the step."""
+    with world.together(held=True):
+        if world.number == 1:
+            world._signals._handle(2, None)
+        done.append(world.number)
 
-    def part(world: World) -> None:
-        with world.together(held=True):
-            if world.number == 1:
-                world._signals._handle(2, None)
-            done.append(world.number)
 
-    *ends, _ = played(part)
-    assert [type(end) for end in ends] == [KeyboardInterrupt] * COUNT
-    assert sorted(done) == list(range(COUNT))
+@pytest.mark.parametrize(
+    ("part", "error", "finished"),
+    [
+        (same_error, MemoryError, []),
+        (signal_between, KeyboardInterrupt, []),
+        (signal_while_files_are_written, KeyboardInterrupt, []),
+        (signal_in_a_step, KeyboardInterrupt, list(range(COUNT))),
+    ],
+)
+def test_all_ranks_raise_the_same_error(
+    part: Any, error: type[Exception], finished: list[int]
+) -> None:
+    done: list[int] = []
+    *ends, _ = played(lambda world: part(world, done))
+    assert [type(end) for end in ends] == [error] * COUNT
+    assert sorted(done) == finished
 
 
 def test_ranks_with_other_files_are_refused() -> None:
@@ -233,25 +224,20 @@ def test_a_rank_that_fails_while_others_wait_ends_them(
     """The others do not come to the agreement: they wait for the rank elsewhere."""
     monkeypatch.setattr(ranks, "PATIENCE", 0.2)
     released = threading.Event()
-
-    def part(world: World) -> None:
-        with world.together():
-            if world.number == 1:
-                raise ValueError("one alone")
-            released.wait(10)
-
     began = time.monotonic()
 
-    def watched(world: World) -> None:
+    def part(world: World) -> None:
+        if world.number != 1:
+            released.wait(10)
+            return
         try:
-            part(world)
-        except Killed:
-            released.set()
-            raise
+            with world.together():
+                raise ValueError("one alone")
         finally:
-            assert time.monotonic() - began < 5
+            released.set()
 
-    *ends, heard = played(lambda w: watched(w) if w.number == 1 else released.wait(10))
+    *ends, heard = played(part)
+    assert time.monotonic() - began < 5
     assert isinstance(ends[1], Killed)
     assert ends[1].args == (2,)
     assert heard == [(2, "rank 1 of 3: one alone")]
