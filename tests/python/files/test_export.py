@@ -42,17 +42,6 @@ def test_result_comes_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(step["reaction"], STEP["reaction"])
 
 
-def test_layout_of_the_file(tmp_path: Path) -> None:
-    export.write_result(tmp_path / "a.h5", CONTACTS, [STEP], complete=False)
-    with h5py.File(tmp_path / "a.h5") as file:
-        assert file.attrs["format"] == "bipot-result"
-        assert file.attrs["complete"] == np.False_
-        assert file["steps/0000/residual"].shape == ()
-        assert file["steps/0000/load"][()] == 0.5
-        assert file["steps/0000/reaction"].shape == (3, 2)
-        assert file["contacts/x"].shape == (3, 2)
-
-
 def test_datasets_say_what_they_hold(tmp_path: Path) -> None:
     """Also where a step has axes of its own; names that no table lists have no labels."""
     frame = np.tile(np.eye(2), (3, 1, 1))
@@ -95,12 +84,16 @@ def test_more_than_9999_steps_stay_in_order(tmp_path: Path) -> None:
 
 def test_a_failure_leaves_the_earlier_file(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
-    export.write_result(path, CONTACTS, [STEP], complete=True)
+    export.write_result(path, CONTACTS, [STEP], complete=False)
     before = path.read_bytes()
     with pytest.raises(TypeError):
         export.write_result(path, {"x": np.array([object()])}, [], complete=True)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+    with h5py.File(path) as file:
+        assert file.attrs["format"] == "bipot-result"
+        assert file.attrs["complete"] == np.False_
+        assert file["steps/0000/residual"].shape == ()
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

@@ -34,23 +34,17 @@ def test_unit(dimension: str, units: dict[str, str], name: str | None) -> None:
     assert fields.unit(dimension, units) == name
 
 
-def test_labels_of_a_dataset() -> None:
-    quantity = Quantity("it", "force", fields.LOCAL)
-    plain = {"meaning": "it", "dimension": "force", "frame": "local"}
-    assert fields.labels(quantity, {}) == plain
-    assert fields.labels(quantity, UNITS) == plain | {"units": "kN"}
-    assert fields.labels(Quantity("a number"), UNITS) == {"meaning": "a number"}
-
-
 def test_unit_or_dimension_of_each_field() -> None:
     names = ["force", "status", "pressure", "a name of somebody else"]
     told = {"force": "kN", "pressure": "GPa"}
     assert fields.named_units(names, UNITS) == told
     # Without units the file still says what kind of number it holds.
     assert fields.named_units(names, {}) == {"force": "force", "pressure": "stress"}
-
-
-def test_components_along_the_axes_of_contacts_are_named_so() -> None:
+    plain = {"meaning": "it", "dimension": "force", "frame": "local"}
+    quantity = Quantity("it", "force", fields.LOCAL)
+    assert fields.labels(quantity, {}) == plain
+    assert fields.labels(quantity, UNITS) == plain | {"units": "kN"}
+    assert fields.labels(Quantity("a number"), UNITS) == {"meaning": "a number"}
     for name, quantity in FIELDS.items():
         assert name.endswith("_local") == (quantity.axes == fields.LOCAL), name
 
@@ -96,29 +90,20 @@ def test_times_of_a_series(
     assert fields.increasing(loads, times) == chosen
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_a_wrong_mesh_is_refused() -> None:
+    right = {"nodes": np.zeros((3, 2)), "dofs": np.arange(6).reshape(3, 2)}
+    for change, message in (
         ({"nodes": np.zeros(3)}, "nodes are wrong"),
         ({"nodes": np.full((3, 2), np.nan)}, "nodes are wrong"),
-        (
-            {"dofs": np.zeros((2, 2), int)},
-            r"dofs has shape \(2, 2\), expected \(3, 2\)",
-        ),
+        ({"dofs": np.zeros((2, 2), int)}, r"dofs has shape \(2, 2\), expected \(3, 2"),
         ({"dofs": np.zeros((3, 2))}, "dofs has type float64, expected whole numbers"),
-        (
-            {"dofs": np.full((3, 2), -2)},
-            "dofs has indices -2 to -2, expected them from -1",
-        ),
+        ({"dofs": np.full((3, 2), -2)}, "indices -2 to -2, expected them from -1"),
         ({"cells": [Cells("line", np.array([[0, 3]]))]}, "0 to 3, expected .* 0 to 2"),
         ({"contact_nodes": np.array([-1])}, "contact_nodes has indices -1"),
         ({"contact_facets": [Cells("line", np.array([[-1, 0]]))]}, "contact_facets"),
-    ],
-)
-def test_a_wrong_mesh_is_refused(change: dict[str, object], message: str) -> None:
-    arguments = {"nodes": np.zeros((3, 2)), "dofs": np.arange(6).reshape(3, 2)}
-    with pytest.raises(ValueError, match=message):
-        ResultMesh(**(arguments | change))  # type: ignore[arg-type]
+    ):
+        with pytest.raises(ValueError, match=message):
+            ResultMesh(**(right | change))  # type: ignore[arg-type]
 
 
 def test_displacements_of_nodes_without_some_degrees_of_freedom() -> None:

@@ -30,20 +30,27 @@ def test_series_for_paraview(tmp_path: Path) -> None:
     assert b"binary" in (tmp_path / "a_0002.vtu").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["a", "a[1]", "a*", "a_0001"])
+@pytest.mark.parametrize("name", ["a", "a[1]", "a*", "a_0001", 'a & <"b">'])
 def test_shorter_series_replaces_a_longer_one_and_nothing_else(
     tmp_path: Path, name: str
 ) -> None:
-    """Characters with a meaning in file patterns are ordinary letters of a name."""
-    points = np.zeros((2, 3))
-    series.write_series(tmp_path / f"{name}.pvd", points, None, [{}] * 3)
+    """Characters with a meaning in patterns and XML are ordinary letters of a name."""
+    index = tmp_path / f"{name}.pvd"
+    series.write_series(index, np.zeros((2, 3)), None, [{}] * 3)
     others = {f"{name}_0002b.vtu", f"{name}_02.vtu", f"{name}b_0002.vtu", "a1_0002.vtu"}
     others.add(f"{name}_²²²².vtu")
     for other in others:
         (tmp_path / other).touch()
-    series.write_series(tmp_path / f"{name}.pvd", points, None, [{}])
+    series.write_series(index, np.zeros((0, 2)), None, [{}])
+    step = f"{name}_0000.vtu"
     left = {path.name for path in tmp_path.iterdir()}
-    assert left == {f"{name}.pvd", f"{name}_0000.vtu"} | others
+    assert left == {f"{name}.pvd", step} | others
+    (entry,) = ET.parse(index).getroot().findall(".//DataSet")
+    assert entry.get("file") == step
+    # A series without points is XML too.
+    piece = ET.parse(tmp_path / step).getroot().find("UnstructuredGrid/Piece")
+    assert piece is not None
+    assert piece.attrib == {"NumberOfPoints": "0", "NumberOfCells": "0"}
 
 
 def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:
@@ -84,20 +91,6 @@ def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:
         if name != "whether":
             assert mesh.point_data[name].dtype.kind == field.dtype.kind
     assert meshio.read(tmp_path / "a_0001.vtu").point_data == {}
-
-
-def test_a_series_without_points_is_xml(tmp_path: Path) -> None:
-    series.write_series(tmp_path / "a.pvd", np.zeros((0, 2)), None, [{}])
-    piece = ET.parse(tmp_path / "a_0000.vtu").getroot().find("UnstructuredGrid/Piece")
-    assert piece is not None
-    assert piece.attrib == {"NumberOfPoints": "0", "NumberOfCells": "0"}
-
-
-def test_names_of_files_are_quoted(tmp_path: Path) -> None:
-    series.write_series(tmp_path / 'a & <"b">.pvd', np.zeros((1, 3)), None, [{}])
-    (entry,) = ET.parse(tmp_path / 'a & <"b">.pvd').getroot().findall(".//DataSet")
-    assert entry.get("file") == 'a & <"b">_0000.vtu'
-    assert (tmp_path / 'a & <"b">_0000.vtu').exists()
 
 
 def test_fields_of_cells(tmp_path: Path) -> None:
