@@ -26,14 +26,17 @@ def write_stack(folder: Path, overhang: float) -> str:
 
 def test_a_support_by_the_key_of_its_node(bipot: Any, tmp_path: Path) -> None:
     data = json.loads(Path(SHELF).read_text())
-    nodes = data["data"]["graph"]["data"]["node"]
-    for key, node in nodes.items():
+    for key, node in data["data"]["graph"]["data"]["node"].items():
         node["block"]["data"].setdefault("attributes", {})["name"] = f"part {key}"
     file = tmp_path / "named.json"
     file.write_text(json.dumps(data))
     for name in ("0", "part 0"):
         status, out, _ = bipot("blocks", str(file), "--mu", "0.9", "--support", name)
         assert (status, out.splitlines()[1][:9]) == (0, "balanced:")
+    assert out.startswith("BlockProblem(9 blocks, 15 interfaces, 60 contacts)\n")
+    status, _, errors = bipot("blocks", SHELF, "--mu", "0.2", "--support", "0")
+    assert status == 1
+    assert "block '2' moves" in errors
 
 
 def test_a_stone_that_stands(bipot: Any, tmp_path: Path) -> None:
@@ -103,15 +106,6 @@ def test_a_stone_that_falls(bipot: Any, tmp_path: Path) -> None:
     # It turns clockwise, about the edge on its right.
     assert report["motion"]["head"][2] < 0
     assert "nothing stops this motion: block 'head' moves" in report["message"]
-
-
-def test_a_file_of_compas(bipot: Any) -> None:
-    status, out, _ = bipot("blocks", SHELF, "--mu", "0.9", "--support", "0")
-    assert status == 0
-    assert out.startswith("BlockProblem(9 blocks, 15 interfaces, 60 contacts)\n")
-    status, _, errors = bipot("blocks", SHELF, "--mu", "0.2", "--support", "0")
-    assert status == 1
-    assert "block '2' moves" in errors
 
 
 def test_mistakes(bipot: Any) -> None:

@@ -67,16 +67,6 @@ def test_full_disk(size: int, earlier: dict[str, bytes], tmp_path: Path) -> None
     assert strays(tmp_path / "here") == []
 
 
-def test_full_disk_behind_standard_output(tmp_path: Path) -> None:
-    def fault(*_: object) -> None:
-        os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
-
-    run = bipot_with(fault, "bipot_rs.scene.reading:read", *RUN, cwd=tmp_path)
-    assert run.returncode == 2
-    assert os.strerror(errno.ENOSPC) in run.stderr
-    assert run.stderr.count("\n") == 1
-
-
 def write_result(path: Path, times: float) -> None:
     problem, load = bar_problem()
     problem.solve(pulled(load, times * np.linspace(0, 30, 5))).save(path)

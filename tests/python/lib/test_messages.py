@@ -8,11 +8,23 @@ import bipot_rs as bp
 from bipot_rs._lib.messages import count_noun, duration, printable, size
 
 
-def test_counted_singular_and_plural() -> None:
-    assert count_noun(1, "iteration") == "1 iteration"
-    assert count_noun(0, "iteration") == "0 iterations"
-    assert count_noun(1, "entry") == "1 entry"
-    assert count_noun(2, "entry") == "2 entries"
+def test_words_for_numbers() -> None:
+    for words, told in (
+        (count_noun(1, "iteration"), "1 iteration"),
+        (count_noun(0, "iteration"), "0 iterations"),
+        (count_noun(1, "entry"), "1 entry"),
+        (count_noun(2, "entry"), "2 entries"),
+        (size(0), "0 B"),
+        (size(999), "999 B"),
+        (size(1000), "1 kB"),
+        (size(12_345_678), "12.3 MB"),
+        (size(2.5e13), "25 TB"),
+        (duration(0.01), "less than 1 s"),
+        (duration(7.4), "about 7 s"),
+        (duration(600), "about 10 min"),
+        (duration(1e5), "about 28 h"),
+    ):
+        assert words == told
 
 
 def test_printable_names_have_one_line() -> None:
@@ -47,30 +59,3 @@ def test_a_solution_is_a_line() -> None:
     result = bp.solve(np.eye(2), np.eye(2), gap=[-1.0], mu=0.3)
     assert repr(result[0]).startswith("Step(1 contact, converged in ")
     assert repr(result).startswith("Result(1 step, 1 contact, ")
-
-
-@pytest.mark.parametrize(
-    ("count", "words"),
-    [
-        (0, "0 B"),
-        (999, "999 B"),
-        (1000, "1 kB"),
-        (12_345_678, "12.3 MB"),
-        (2.5e13, "25 TB"),
-    ],
-)
-def test_sizes_in_words(count: float, words: str) -> None:
-    assert size(count) == words
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [
-        (0.01, "less than 1 s"),
-        (7.4, "about 7 s"),
-        (600, "about 10 min"),
-        (1e5, "about 28 h"),
-    ],
-)
-def test_durations_in_words(seconds: float, words: str) -> None:
-    assert duration(seconds) == words

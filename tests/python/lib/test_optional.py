@@ -10,17 +10,9 @@ import pytest
 
 from bipot_rs._lib.optional import missing
 
-# Uses arrays only, in a process that finds none of the optional libraries.
 OPTIONAL = (
-    "gmsh",
-    "h5py",
-    "matplotlib",
-    "meshio",
-    "pydantic",
-    "pyvista",
-    "rich",
-    "skfem",
-    "argcomplete",
+    *("argcomplete", "gmsh", "h5py", "matplotlib", "meshio", "pydantic", "pyvista"),
+    *("rich", "skfem"),
 )
 WITHOUT = """
 import sys
@@ -68,35 +60,37 @@ def test_arrays_need_no_optional_library(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("library", "code", "told"),
+    ("library", "extra", "code", "told"),
     [
-        ("h5py", "import bipot_rs; bipot_rs.load('x.h5')", "files need h5py"),
-        ("h5py", "import bipot_rs; bipot_rs.fclib.read('x')", "files need h5py"),
+        ("h5py", "io", "bp.load('x.h5')", "files need h5py"),
+        ("h5py", "io", "bp.fclib.read('x')", "files need h5py"),
         (
             "skfem",
-            "import bipot_rs; bipot_rs.fem.box([[0, 1]] * 2, 'triangle')",
+            "fem",
+            "bp.fem.box([[0, 1]] * 2, 'triangle')",
             "finite elements need scikit-fem",
         ),
         (
             "pydantic",
-            "import bipot_rs; bipot_rs.scene.read",
+            "cli",
+            "bp.scene.read",
             "bipot_rs.scene.read and what uses it need pydantic",
         ),
         (
             "xarray",
-            "import bipot_rs as b; b.solve(*[[[1, 0], [0, 1]]] * 2, gap=[0], mu=0).to_xarray()",
+            "",
+            "bp.solve(*[[[1, 0], [0, 1]]] * 2, gap=[0], mu=0).to_xarray()",
             "datasets need xarray",
         ),
     ],
 )
+@pytest.mark.quick_variants("h5py-*load*")
 def test_message_names_the_extra_to_install(
-    library: str, code: str, told: str, tmp_path: Path
+    library: str, extra: str, code: str, told: str, tmp_path: Path
 ) -> None:
-    done = run(code, (library,), tmp_path)
-    last = done.stderr.strip().splitlines()[-1]
-    extra = {"h5py": "io", "skfem": "fem"}.get(library, "cli")
-    wanted = "xarray" if library == "xarray" else f"'bipot-rs[{extra}]'"
-    assert last == (
+    done = run(f"import bipot_rs as bp; {code}", (library,), tmp_path)
+    wanted = f"'bipot-rs[{extra}]'" if extra else library
+    assert done.stderr.strip().splitlines()[-1] == (
         f"bipot_rs._lib.optional.MissingLibraryError: {told}, which is not installed: run "
         f"pip install {wanted}"
     )
@@ -120,19 +114,26 @@ def brought(extra: str, extras: dict[str, list[str]]) -> set[str]:
     return libraries
 
 
-def test_the_extra_all_has_every_library_that_pip_can_install(repository: Path) -> None:
+@pytest.fixture
+def installed_by(repository: Path) -> dict[str, set[str]]:
+    """The libraries of each extra."""
+    project = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
+    extras = project["project"]["optional-dependencies"]
+    return {extra: brought(extra, extras) for extra in extras}
+
+
+def test_the_extra_all_has_every_library_that_pip_can_install(
+    installed_by: dict[str, set[str]],
+) -> None:
     """A new extra belongs to it, or to those that depend on the machine."""
-    extras = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
-    extras = extras["project"]["optional-dependencies"]
     others = {"all", "dev", "docs", "petsc", "jax", "torch"}
-    rest = [brought(extra, extras) for extra in extras if extra not in others]
-    assert brought("all", extras) == set().union(*rest)
+    rest = [installed_by[extra] for extra in installed_by if extra not in others]
+    assert installed_by["all"] == set().union(*rest)
 
 
-def test_named_extras_install_the_missing_library(repository: Path) -> None:
-    extras = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
-    extras = extras["project"]["optional-dependencies"]
-    installed_by = {extra: brought(extra, extras) for extra in extras}
+def test_named_extras_install_the_missing_library(
+    installed_by: dict[str, set[str]], repository: Path
+) -> None:
     named = set()
     # `missing`, `library` and separate messages name an extra; the library is named in the
     # same sentence or in the one before.

@@ -1,10 +1,11 @@
 """The versions that a bug report needs."""
 
 import importlib.metadata
+import json
 import os
 import re
-import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ import scipy
 import bipot_rs as bp
 from bipot_rs import _core
 from bipot_rs._lib import machine
+from support.children import child
 
 
-def test_versions_are_those_that_run() -> None:
+def test_versions_are_those_that_run(capsys: pytest.CaptureFixture[str]) -> None:
     told = bp.versions()
     assert told["numpy"] == np.__version__
     assert told["scipy"] == scipy.__version__
@@ -23,15 +25,12 @@ def test_versions_are_those_that_run() -> None:
     assert told["core"].startswith(_core.version)
     assert _core.build_profile in told["core"]
     # The version of the compiled crate shows an old core with newer Python files.
-    assert _core.version == importlib.metadata.version("bipot-rs")
-    assert bp.__version__ == _core.version
-
-
-def test_versions_are_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _core.version == importlib.metadata.version("bipot-rs") == bp.__version__
+    if hasattr(os, "sched_getaffinity"):
+        assert told["cores"] == str(len(os.sched_getaffinity(0)))
     bp.show_versions()
     lines = capsys.readouterr().out.splitlines()
-    told = dict(re.split(r" {2,}", line, maxsplit=1) for line in lines)
-    assert told == bp.versions()
+    assert told == dict(re.split(r" {2,}", line, maxsplit=1) for line in lines)
 
 
 def test_missing_libraries_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -58,20 +57,32 @@ def test_threads(
     assert re.fullmatch(expected, bp.versions()["threads"])
 
 
-def test_versions_imports_no_library() -> None:
-    script = """
-import sys
-import bipot_rs
-bipot_rs.versions()
-heavy = {"h5py", "matplotlib", "meshio", "pydantic", "rich", "scipy", "skfem"}
-print(sorted(heavy & set(sys.modules)))
+MEMORY = """
+import json
+from bipot_rs._lib.machine import peak_mb
+before = peak_mb()
+held = bytearray({size})
+held[::4096] = b"x" * len(held[::4096])
+between = peak_mb()
+{then}
+print(json.dumps([before, between, peak_mb()]))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "[]"
+# On Linux, `ru_maxrss` of a process is at least the memory of its parent.
+IN_A_CHILD = """
+import subprocess, sys
+code = "from bipot_rs._lib.machine import peak_mb; print(peak_mb())"
+before = between = float(subprocess.check_output([sys.executable, "-c", code]))
+"""
 
 
-def test_cores_are_those_of_this_process() -> None:
-    if hasattr(os, "sched_getaffinity"):
-        assert bp.versions()["cores"] == str(len(os.sched_getaffinity(0)))
+@pytest.mark.slow
+def test_peak_of_memory(tmp_path: Path) -> None:
+    """What was freed counts; what the parent process holds does not."""
+    program = MEMORY.format(size=300_000_000, then="del held")
+    before, between, after = json.loads(child(program, cwd=tmp_path).stdout)
+    # The kernel updates its page counters with a delay: some 0.2 MB are uncertain.
+    assert between - before == pytest.approx(300e6 / 2**20, rel=0.05)
+    assert after == pytest.approx(between, rel=0.05)
+    program = MEMORY.format(size=1_500_000_000, then=IN_A_CHILD)
+    of_child, *_ = json.loads(child(program, cwd=tmp_path).stdout)
+    assert 10 < of_child < 1000  # Python with NumPy takes some 100 MB
