@@ -5,36 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from draw_architecture import PICTURE, arrows, imports, layers, picture
 from support.places import ROOT
 
 SOURCE, PACKAGE = ROOT / "src", ROOT / "python" / "bipot_rs"
-# From the lowest module, which uses no other, to the highest.
 RUST = (
-    *(
-        "error",
-        "panics",
-        "fitted",
-        "per_process",
-        "threads",
-        "tasks",
-        "linalg",
-        "bodies",
-        "assembly",
-    ),
-    *(
-        "law",
-        "equilibrium",
-        "reduced",
-        "condensation",
-        "solver",
-        "proof",
-        "path",
-        "primal",
-    ),
-    "python",
+    *("error", "panics", "fitted", "per_process", "threads", "tasks", "linalg"),
+    *("bodies", "assembly", "law", "equilibrium", "reduced", "condensation"),
+    *("solver", "proof", "path", "primal", "python"),
 )
 # A word in the code, and the only files or folders that may contain it. An upgrade of a
 # library, or a review of code that the compiler cannot check, then concerns few files.
@@ -76,25 +54,26 @@ def upward(layer: str, text: str) -> list[str]:
     return [name or hidden for name, hidden in used if name not in below]
 
 
-@pytest.mark.parametrize("layer", RUST)
-def test_a_layer_of_rust_uses_only_those_below_it(layer: str) -> None:
-    files = [*(SOURCE / layer).rglob("*.rs"), *SOURCE.glob(f"{layer}.rs")]
-    imports_upward = {path.name: upward(layer, code(path)) for path in files}
-    assert {name: used for name, used in imports_upward.items() if used} == {}
-
-
-def test_every_module_of_rust_has_its_place_in_the_order() -> None:
+def test_a_layer_of_rust_uses_only_those_below_it() -> None:
     assert {path.stem for path in SOURCE.iterdir()} - {"lib"} <= set(RUST)
+    imports_upward = {
+        path.name: used
+        for layer in RUST
+        for path in [*(SOURCE / layer).rglob("*.rs"), *SOURCE.glob(f"{layer}.rs")]
+        if (used := upward(layer, code(path)))
+    }
+    assert imports_upward == {}
 
 
-@pytest.mark.parametrize("word", RUST_NAMES)
-def test_few_files_of_rust_name(word: str) -> None:
-    there = [
-        path.relative_to(SOURCE).as_posix()
+def test_few_files_of_rust_name_a_library() -> None:
+    naming = [
+        f"{name}: {word}"
         for path in SOURCE.rglob("*.rs")
-        if re.search(rf"\b{word}\b", code(path))
+        for text, name in [(code(path), path.relative_to(SOURCE).as_posix())]
+        for word, allowed in RUST_NAMES.items()
+        if re.search(rf"\b{word}\b", text) and not name.startswith(allowed)
     ]
-    assert [name for name in there if not name.startswith(RUST_NAMES[word])] == []
+    assert naming == []
 
 
 def test_python_layers() -> None:
@@ -108,25 +87,16 @@ def test_python_layers() -> None:
     assert run.returncode == 0, run.stdout
 
 
-def test_the_package_itself_is_imported_by_nobody() -> None:
+def test_few_modules_name_a_library_and_none_the_package() -> None:
     """But for `_core`: the linter takes imports of the package for those of `_core`."""
-    whole = [
-        path.relative_to(PACKAGE).as_posix()
-        for path in PACKAGE.rglob("*.py")
-        for module, names in imports(path.read_text(encoding="utf-8"))
-        if module == "bipot_rs" and not names
-    ]
-    assert whole == []
-
-
-def test_few_modules_name_a_library() -> None:
-    naming = [
-        f"{path.relative_to(PACKAGE).as_posix()}: {module}"
-        for path in PACKAGE.rglob("*.py")
-        for module, _ in imports(path.read_text(encoding="utf-8"))
-        if (allowed := PYTHON_NAMES.get(module.partition(".")[0]))
-        and path.relative_to(PACKAGE).as_posix() not in allowed
-    ]
+    naming = []
+    for path in PACKAGE.rglob("*.py"):
+        name = path.relative_to(PACKAGE).as_posix()
+        for module, names in imports(path.read_text(encoding="utf-8")):
+            allowed = PYTHON_NAMES.get(module.partition(".")[0])
+            whole = module == "bipot_rs" and not names
+            if whole or (allowed and name not in allowed):
+                naming.append(f"{name}: {module}")
     assert naming == []
 
 

@@ -6,7 +6,7 @@ modules that need optional libraries, which no other test imports there.
 
 import ast
 import importlib
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import bipot_rs
@@ -15,37 +15,31 @@ PACKAGE = Path(bipot_rs.__file__).parent
 LIBRARIES = ("numpy", "scipy")
 
 
-def imports(tree: ast.AST) -> Iterator[tuple[str, str]]:
-    """Local name and full name of everything that is imported from the libraries."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                top = alias.name.partition(".")[0]
-                if top in LIBRARIES:
-                    yield alias.asname or alias.name, alias.name
-                    yield top, top
-        elif isinstance(node, ast.ImportFrom):
-            module = node.module or ""
-            if module.partition(".")[0] in LIBRARIES:
-                for alias in node.names:
-                    yield alias.asname or alias.name, f"{module}.{alias.name}"
-
-
 def names(text: str) -> set[str]:
     """Full names of NumPy and SciPy in a source text, such as ``numpy.linalg.norm``."""
-    tree = ast.parse(text)
-    imported = dict(imports(tree))
-    names_used = set(imported.values())
-    for node in ast.walk(tree):
+    nodes = list(ast.walk(ast.parse(text)))
+    imported = {}
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                imported[alias.asname or alias.name] = alias.name
+                top = alias.name.partition(".")[0]
+                imported[top] = imported.get(top, top)
+        elif isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                imported[alias.asname or alias.name] = f"{node.module}.{alias.name}"
+    used = set(imported.values())
+    for node in nodes:
         parts, inner = [], node
         while isinstance(inner, ast.Attribute):
             parts.append(inner.attr)
             inner = inner.value
         if parts and isinstance(inner, ast.Name) and inner.id in imported:
-            names_used.add(".".join([imported[inner.id], *reversed(parts)]))
-    return names_used
+            used.add(".".join([imported[inner.id], *reversed(parts)]))
+    return {name for name in used if name.partition(".")[0] in LIBRARIES}
 
 
+@cache
 def exists(name: str) -> bool:
     """Whether a name can be resolved; what follows a class or a function is not examined."""
     parts = name.split(".")

@@ -8,7 +8,7 @@ an error left by an iteration by a factor of two.
 import math
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
@@ -46,8 +46,7 @@ def rows(page: str, name: str) -> list[list[str]]:
     """Cells of a table of a page: after a marker, or one whose head begins like ``name``."""
     text = (PAPER / page).read_text(encoding="utf-8")
     if name.startswith("|"):
-        after = name + text.partition(name)[2]
-        table = after.partition("\n\n")[0].splitlines()[2:]
+        table = text[text.index(name) :].partition("\n\n")[0].splitlines()[2:]
     else:
         _, _, after = text.partition(f"<!-- {name}, written by")
         table = after.partition("<!-- end")[0].splitlines()[3:]
@@ -68,21 +67,16 @@ def same(shown: str, fresh: str, share: float, least: float = 0.0) -> bool:
     return all(abs(a - b) <= max(share * max(a, b), least) for a, b in numbers)
 
 
-STOPS = (
-    ("cattaneo_mindlin", 10),
-    ("sheared_cube", 6),
-    ("two_blocks", 6),
-    ("pressed_block", 32),
-)
+STOPS = [
+    pytest.param(name, n, marks=[pytest.mark.slow] * (name != "pressed_block"))
+    for name, n in (
+        *(("cattaneo_mindlin", 10), ("sheared_cube", 6), ("two_blocks", 6)),
+        ("pressed_block", 32),
+    )
+]
 
 
-@pytest.mark.parametrize(
-    ("name", "n"),
-    [
-        pytest.param(*s, marks=[pytest.mark.slow] * (s[0] != "pressed_block"))
-        for s in STOPS
-    ],
-)
+@pytest.mark.parametrize(("name", "n"), STOPS)
 def test_the_table_of_the_stop_rule(name: str, n: int) -> None:
     bench = script("discretisation_error")
     assert (name, n) in bench.STOPS
@@ -99,35 +93,29 @@ def test_the_table_of_the_stop_rule(name: str, n: int) -> None:
         assert same(*left, share=0.5, least=1e-8), (shown, fresh)
 
 
-def effectivities() -> Iterator[tuple[str, tuple[str, ...], int, int]]:
-    for name, settings, sizes in script("discretisation_error").ROWS:
-        for n, factor in sizes:
-            yield name, settings, n, factor
-
-
-def effectivity_is_printed(
-    name: str, settings: tuple[str, ...], n: int, f: int
+@pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_the_table_of_effectivities(
+    every: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fresh = script("discretisation_error").compare(name, settings, n, f).cells()
-    shown = row(rows("10-discretisation-error.md", "effectivity"), *fresh[:3])
-    for a, b in zip(shown, fresh, strict=True):
-        # One unit in the last of the four digits.
-        assert same(a, b, share=0.01, least=1.01e-4), (shown, fresh)
-
-
-def test_the_first_rows_of_the_effectivities() -> None:
-    for case in effectivities():
-        if case[0] == "pressed_block" and case[2] == 4:
-            effectivity_is_printed(*case)
-
-
-@pytest.mark.slow
-def test_all_rows_of_the_effectivities(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All rows, or the first of one scene."""
     monkeypatch.chdir(ROOT)
-    cases = list(effectivities())
-    assert len(cases) == len(rows("10-discretisation-error.md", "effectivity"))
+    bench, printed = (
+        script("discretisation_error"),
+        rows("10-discretisation-error.md", "effectivity"),
+    )
+    cases = [
+        (name, settings, *size)
+        for name, settings, sizes in bench.ROWS
+        for size in sizes
+        if every or (name == "pressed_block" and size[0] == 4)
+    ]
+    assert len(cases) == len(printed) or (cases and not every)
     for case in cases:
-        effectivity_is_printed(*case)
+        fresh = bench.compare(*case).cells()
+        shown = row(printed, *fresh[:3])
+        for a, b in zip(shown, fresh, strict=True):
+            # One unit in the last of the four digits.
+            assert same(a, b, share=0.01, least=1.01e-4), (shown, fresh)
 
 
 BOUNDED = {
@@ -158,10 +146,8 @@ def list_points(problem: Any, answer: Array, seed: int) -> Array:
         for k in range(8)
     ]
     rng = np.random.default_rng(seed)
-    near = [
-        answer * (1 + 10.0**-k * rng.normal(size=answer.shape)) for k in (1, 3, 6, 9)
-    ]
-    return np.array(iterates + near)
+    sizes = (10.0**-k * rng.normal(size=answer.shape) for k in (1, 3, 6, 9))
+    return np.array(iterates + [answer * (1 + size) for size in sizes])
 
 
 def compare_bounds(name: str) -> list[str]:
@@ -255,10 +241,10 @@ def test_pictures_match_their_tables(picture: str) -> None:
     assert stamp.encode() in path.read_bytes()
 
 
-def agree(
-    shown: Sequence[tuple[str, str, float, float]],
-    fresh: Sequence[tuple[str, str, float, float]],
-) -> None:
+Points = Sequence[tuple[str, str, float, float]]
+
+
+def agree(shown: Points, fresh: Points) -> None:
     """Whether curves have the same points, as far as another machine repeats them."""
     for a, b in zip(shown, fresh, strict=True):
         assert a[:2] == b[:2]
@@ -272,23 +258,15 @@ def test_the_curves_of_the_bound() -> None:
     agree(script("curves").read(figure.NUMBERS), figure.points())
 
 
-@pytest.mark.parametrize(
-    ("name", "n", "methods"),
-    [
-        ("sheared_cube", 6, ("auto",)),
-        pytest.param("sheared_cube", 6, None, marks=pytest.mark.slow),
-        pytest.param("cattaneo_mindlin", 10, None, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("name", "n"), [("sheared_cube", 6), ("cattaneo_mindlin", 10)])
 @pytest.mark.slow
-def test_the_curves_of_the_stop_rule(
-    name: str, n: int, methods: tuple[str, ...] | None
-) -> None:
+def test_the_curves_of_the_stop_rule(name: str, n: int) -> None:
     figure = script("figures_stop_rule")
-    chosen = methods or figure.METHODS
     shown = script("curves").read(figure.NUMBERS)
-    panel = f"{name}, n = {n}, P1"
-    shown = [
-        p for p in shown if p.panel == panel and p.curve.partition(",")[0] in chosen
+    chosen = [
+        point
+        for point in shown
+        if point.panel == f"{name}, n = {n}, P1"
+        and point.curve.partition(",")[0] in figure.METHODS
     ]
-    agree(shown, figure.curves(name, n, chosen))
+    agree(chosen, figure.curves(name, n, figure.METHODS))

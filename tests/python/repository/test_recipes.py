@@ -49,20 +49,15 @@ def test_scikit_fem(capsys: pytest.CaptureFixture[str]) -> None:
     assert force[1, 0] < 0 < force[1, 1]
     assert {0, 1, 2} <= set(result.status.ravel().tolist())
     # Near the crown the bar is a parabola with its radius: the clearance of the scene.
-    flat = bp.Model("as a scene")
-    flat.material("steel", young=space["YOUNG"], poisson=space["POISSON"])
-    flat.body(
-        "block",
-        material="steel",
-        cell="quadrilateral",
-        x=np.linspace(-2.0, 2.0, 13),
-        y=np.linspace(0.0, 2.0, 7),
-    )
-    flat.support("block.top", x=flat.times(0.01, "drag"), y=-0.02)
+    m = bp.Model("as a scene")
+    m.material("steel", young=space["YOUNG"], poisson=space["POISSON"])
+    sides = {"x": np.linspace(-2.0, 2.0, 13), "y": np.linspace(0.0, 2.0, 7)}
+    m.body("block", material="steel", cell="quadrilateral", **sides)
+    m.support("block.top", x=m.times(0.01, "drag"), y=-0.02)
     plane = {"point": [0, 0], "normal": [0, 1]}
-    flat.contact("block.bottom", mu=0.2, plane=plane, clearance={"radius": 50.0})
-    flat.path(drag=[0.0, 1.0])
-    own_force = flat.solve().contact_force("block.bottom")
+    m.contact("block.bottom", mu=0.2, plane=plane, clearance={"radius": 50.0})
+    m.path(drag=[0.0, 1.0])
+    own_force = m.solve().contact_force("block.bottom")
     # Normals rotate by x/R, 0.04 at the open ends of the bar, 0.02 where it is closed.
     np.testing.assert_allclose(force[:, 1], own_force[:, 1], rtol=0.02)
     space["main"]()
@@ -98,10 +93,9 @@ def test_matrix_market(tmp_path: Path) -> None:
     result = space["solve"](tmp_path)
     # The floor carries the pressure on the top, the left side carries the friction.
     assert result.reaction[0, :, 0].sum() == pytest.approx(40.0 * 50.0, rel=1e-9)
-    options = [f"--{k}={k}.csv" for k in ("contacts", "load", "fixed")]
-    run = bipot(
-        "solve", "--stiffness=K.mtx", "--nodes=nodes.inp", *options, cwd=tmp_path
-    )
+    files = [f"--{k}={k}.csv" for k in ("contacts", "load", "fixed")]
+    files += ["--stiffness=K.mtx", "--nodes=nodes.inp"]
+    run = bipot("solve", *files, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     read = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert read.reaction.tobytes() == result.reaction.tobytes()

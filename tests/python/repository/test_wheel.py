@@ -12,6 +12,7 @@ import tomllib
 import zipfile
 from collections.abc import Callable
 from email import message_from_bytes
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -41,18 +42,15 @@ Build = Callable[[str], Path]
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Build:
-    root = places.ROOT
     folder = tmp_path_factory.mktemp("dist")
 
+    @cache
     def build(kind: str) -> Path:
-        wheels = sorted(folder.glob("*.whl" if kind == "build" else "*.tar.gz"))
-        if not wheels:
-            release = ["--release", "--locked"] if kind == "build" else []
-            command = [sys.executable, "-m", "maturin", kind, *release, "-o", folder]
-            subprocess.run(command, cwd=root, check=True, capture_output=True)
-            wheels = sorted(folder.glob("*.whl" if kind == "build" else "*.tar.gz"))
-        (wheel,) = wheels
-        return wheel
+        release = ["--release", "--locked"] if kind == "build" else []
+        command = [sys.executable, "-m", "maturin", kind, *release, "-o", folder]
+        subprocess.run(command, cwd=places.ROOT, check=True, capture_output=True)
+        (made,) = folder.glob("*.whl" if kind == "build" else "*.tar.gz")
+        return made
 
     return build
 
