@@ -22,6 +22,7 @@ import bipot_rs as bp
 from support.places import ROOT
 
 DATA = ROOT / "tests" / "data" / "collection"
+R, U = "/solution/r", "/solution/u"
 NAMES = ["block_2d_3", "block_3d_4_turning", "several_2d_3", "none_2d_6_clamped"]
 # The last has entries that are zero by symmetry: their digits would show the order of sums.
 NAMES += ["floating_3d_16_cyclic", "none_2d_13_sliding", "pair_3d_49_mortar"]
@@ -64,31 +65,25 @@ def test_stored_files_are_those_of_the_generator(written: Path) -> None:
     assert sum(path.stat().st_size for path in DATA.iterdir()) < 300_000
     assert len(stored) == 15
     for path in stored:
-        problem_stored, new = bp.fclib.read(path), bp.fclib.read(written / path.name)
+        old, new = (bp.fclib.read(p) for p in (path, written / path.name))
         # Conditions are below 1e3, entries are rounded to 1e-16.
-        np.testing.assert_allclose(
-            problem_stored.q, new.q, rtol=0, atol=1e-13 * np.abs(problem_stored.q).max()
-        )
-        stored_answer, two = (
-            bp.fclib.read_solution(p) for p in (path, written / path.name)
-        )
-        if stored_answer is None:
+        close = {"rtol": 0, "atol": 1e-13 * np.abs(old.q).max()}
+        np.testing.assert_allclose(old.q, new.q, **close)
+        first, two = (bp.fclib.read_solution(p) for p in (path, written / path.name))
+        if first is None:
             assert two is None
-            continue
-        largest = np.abs(stored_answer.r).max()
-        if not path.name.startswith("none"):
-            np.testing.assert_allclose(
-                stored_answer.r, two.r, rtol=0, atol=1e-12 * largest
-            )
+        elif not path.name.startswith("none"):
+            close = {"rtol": 0, "atol": 1e-12 * np.abs(first.r).max()}
+            np.testing.assert_allclose(first.r, two.r, **close)
 
 
 @pytest.mark.parametrize("folder", ["stored", "written"])
 def test_the_check_passes(folder: str, written: Path) -> None:
     checked_files = check(DATA if folder == "stored" else written)
     assert checked_files
-    assert [checked_file for checked_file in checked_files if checked_file.faults] == []
+    assert [it for it in checked_files if it.faults] == []
     # Numbers are rounded to 1.1e-16; conditions are below 100.
-    assert max(checked_file.error for checked_file in checked_files) <= 1e-14
+    assert max(it.error for it in checked_files) <= 1e-14
 
 
 def test_every_solver_answer_is_near_a_reference(written: Path) -> None:
@@ -98,27 +93,31 @@ def test_every_solver_answer_is_near_a_reference(written: Path) -> None:
         stored_answer = bp.fclib.read_solution(written / row.file)
         if stored_answer is None:
             assert solution.outcome is bp.Outcome.NO_EQUILIBRIUM
-            continue
-        answers = [stored_answer, *bp.fclib.read_guesses(written / row.file)]
-        if row.determined == "u":
-            continue
-        size = max(np.abs(stored_answer.r).max(), 1e-300)
-        # The tolerance times the condition of W, below 1e3.
-        assert (
-            min(np.abs(solution.reaction - a.r).max() for a in answers) <= 1e-9 * size
-        )
+        elif row.determined != "u":
+            answers = [stored_answer, *bp.fclib.read_guesses(written / row.file)]
+            size = max(np.abs(stored_answer.r).max(), 1e-300)
+            # The tolerance times the condition of W, below 1e3.
+            nearest = min(np.abs(solution.reaction - a.r).max() for a in answers)
+            assert nearest <= 1e-9 * size
 
 
-def _scaled(name: str, by: float) -> Callable[[h5py.File], None]:
+Change = Callable[[h5py.File], None]
+
+
+def _scaled(name: str, by: float) -> Change:
     def change(file: h5py.File) -> None:
-        file[f"/solution/{name}"][...] *= by
+        file[name][...] *= by
 
     return change
 
 
-def _entry(name: str, at: int, value: float) -> Callable[[h5py.File], None]:
+def _without(name: str) -> Change:
+    return lambda file: file.__delitem__(name)
+
+
+def _entry(name: str, at: int, value: float) -> Change:
     def change(file: h5py.File) -> None:
-        file[name][at] = value
+        file[f"/solution/{name}"][at] = value
 
     return change
 
@@ -134,60 +133,34 @@ def _consistent(file: h5py.File) -> None:
     file["/solution/u"][...] = np.where(keep, 0, u)
 
 
-def _without_answer(file: h5py.File) -> None:
-    del file["/solution"]
-
-
 def _second_answer_as_first(file: h5py.File) -> None:
     for name in ("u", "r"):
         file[f"/guesses/1/{name}"][...] = file[f"/solution/{name}"][:]
 
 
-def _opposite(name: str) -> Callable[[h5py.File], None]:
-    def change(file: h5py.File) -> None:
-        file[f"/guesses/1/{name}"][...] *= -1
-
-    return change
-
-
-def _no_proof(file: h5py.File) -> None:
-    del file["/guesses"]
-
-
+TURNING, NONE = "block_3d_4_turning-0001", "none_2d_6_clamped-0002"
 WRONG = {
-    "reaction": ("block_2d_3-0001", _scaled("r", 1 + 1e-11), "its error is about"),
-    "displacement": ("block_2d_3-0001", _scaled("u", 1 + 1e-11), "u is not W r"),
+    "reaction": ("block_2d_3-0001", _scaled(R, 1 + 1e-11), "its error is about"),
+    "displacement": ("block_2d_3-0001", _scaled(U, 1 + 1e-11), "u is not W r"),
     "consistent": ("block_2d_3-0002", _consistent, "its error is about"),
-    "tension": ("block_2d_3-0002", _entry("/solution/r", 0, -1e-3), "pulls"),
-    "penetration": ("block_2d_3-0003", _entry("/solution/u", 0, -1e-6), "penetrates"),
-    "friction": ("block_2d_3-0002", _entry("/solution/r", 1, 1.0), "too large"),
-    "open": (
-        "block_2d_3-0002",
-        _entry("/solution/u", 0, 1e-9),
-        "pressed contact is open",
-    ),
-    "direction": ("block_3d_4_turning-0001", _entry("/solution/u", 7, 1e-3), "oppose"),
-    "status": (
-        "block_3d_4_turning-0001",
-        _entry("/solution/u", 1, 1e-30),
-        "too little",
-    ),
-    "balance": (
-        "floating_3d_16_cyclic-0000",
-        _scaled("r", 1 + 1e-11),
-        "do not balance",
-    ),
-    "missing": ("block_2d_3-0002", _without_answer, "0 answers, expected 1"),
+    "tension": ("block_2d_3-0002", _entry("r", 0, -1e-3), "pulls"),
+    "penetration": ("block_2d_3-0003", _entry("u", 0, -1e-6), "penetrates"),
+    "friction": ("block_2d_3-0002", _entry("r", 1, 1.0), "too large"),
+    "open": ("block_2d_3-0002", _entry("u", 0, 1e-9), "pressed contact is open"),
+    "direction": (TURNING, _entry("u", 7, 1e-3), "oppose"),
+    "status": (TURNING, _entry("u", 1, 1e-30), "too little"),
+    "balance": ("floating_3d_16_cyclic-0000", _scaled(R, 1 + 1e-11), "do not balance"),
+    "missing": ("block_2d_3-0002", _without("/solution"), "0 answers, expected 1"),
     "twice": ("several_2d_3-0000", _second_answer_as_first, "answers are the same"),
-    "motion": ("none_2d_13_sliding-0002", _opposite("l"), "dual cone"),
-    "forces": ("none_2d_6_clamped-0002", _opposite("r"), "normal reactions"),
-    "no proof": ("none_2d_6_clamped-0002", _no_proof, "proof is missing"),
+    "motion": ("none_2d_13_sliding-0002", _scaled("/guesses/1/l", -1), "dual cone"),
+    "forces": (NONE, _scaled("/guesses/1/r", -1), "normal reactions"),
+    "no proof": (NONE, _without("/guesses"), "proof is missing"),
 }
 
 
 @pytest.mark.parametrize("case", WRONG)
 def test_a_wrong_reference_is_found(case: str, written: Path, tmp_path: Path) -> None:
-    name, change, expected_words = WRONG[case]
+    name, change, words = WRONG[case]
     rows = manifest.read(written)
     rows_of_path = [row for row in rows if row.path == name.partition("-")[0]]
     manifest.write(tmp_path, rows_of_path)
@@ -195,24 +168,21 @@ def test_a_wrong_reference_is_found(case: str, written: Path, tmp_path: Path) ->
         shutil.copy(written / row.file, tmp_path)
     with h5py.File(tmp_path / f"{name}.hdf5", "r+") as file:
         change(file)
-    wrong = [checked_file for checked_file in check(tmp_path) if checked_file.faults]
-    assert [checked_file.file for checked_file in wrong] == [f"{name}.hdf5"]
-    assert expected_words in "; ".join(wrong[0].faults)
+    (wrong,) = (it for it in check(tmp_path) if it.faults)
+    assert wrong.file == f"{name}.hdf5"
+    assert words in "; ".join(wrong.faults)
 
 
 @pytest.mark.slow
 def test_a_damaged_file_is_a_fault(written: Path, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(written, folder)
-    (folder / "block_2d_3-0004.hdf5").write_bytes(b"not HDF5")
-    (folder / "block_2d_3-0005.hdf5").unlink()
-    wrong = {
-        checked_file.file: checked_file.faults
-        for checked_file in check(folder)
-        if checked_file.faults
-    }
-    assert set(wrong) == {"block_2d_3-0004.hdf5", "block_2d_3-0005.hdf5"}
-    assert "cannot be read as HDF5" in wrong["block_2d_3-0004.hdf5"][0]
+    damaged, gone = (folder / f"block_2d_3-000{k}.hdf5" for k in (4, 5))
+    damaged.write_bytes(b"not HDF5")
+    gone.unlink()
+    wrong = {it.file: it.faults for it in check(folder) if it.faults}
+    assert set(wrong) == {damaged.name, gone.name}
+    assert "cannot be read as HDF5" in wrong[damaged.name][0]
 
 
 def test_the_rules_are_on_the_site_and_in_the_folder(written: Path) -> None:

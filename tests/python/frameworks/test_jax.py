@@ -91,12 +91,13 @@ def test_derivatives_of_a_point_on_springs() -> None:
 
 def test_what_is_refused() -> None:
     load = jnp.array([-10.0, 5.0])
-    with pytest.raises(TypeError, match="load has type float32"):
-        bp.jax.solve(one_contact(), load.astype(np.float32))
-    with pytest.raises(ValueError, match="are all missing"):
-        bp.jax.solve(one_contact())
-    with pytest.raises(ValueError, match="has 2 rows"):
-        bp.jax.solve(one_contact(), jnp.zeros((2, 2)), gap=jnp.zeros((3, 1)))
+    for given, known, error, said in (
+        ((load.astype(np.float32),), {}, TypeError, "load has type float32"),
+        ((), {}, ValueError, "are all missing"),
+        ((jnp.zeros((2, 2)),), {"gap": jnp.zeros((3, 1))}, ValueError, "has 2 rows"),
+    ):
+        with pytest.raises(error, match=said):
+            bp.jax.solve(one_contact(), *given, **known)
     problem: Any = Smooth()
 
     def f(x: Any) -> Any:

@@ -915,12 +915,3 @@ def scattered(model: fem.Assembly) -> dict[str, Any]:
 def test_a_body_in_the_plane_has_no_picture_in_space(line: Any) -> None:
     with pytest.raises(ValueError, match="model has two dimensions, expected three"):
         plots.surface3d(*line)
-
-
-def test_units_are_kept_in_the_file(line: Any, tmp_path: Path) -> None:
-    _, result = line
-    result.save(tmp_path / "a.h5")
-    again = bp.load(tmp_path / "a.h5")
-    assert again.units == UNITS
-    assert plots.tractions(again).get_ylabel() == "traction [MPa]"
-    assert plots.status_map(again).get_xlabel() == "x [mm]"
