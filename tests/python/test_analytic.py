@@ -63,28 +63,31 @@ def test_hertz_sphere_carries_its_load() -> None:
     e_star = analytic.contact_modulus(1000.0, 0.3)
     force = 60 * math.pi
     a, delta, p0 = analytic.hertz_sphere(force, 8.0, e_star)
-    _, p = over_contact(
-        lambda r: analytic.hertz_pressure(r, a, p0) * np.abs(r) * math.pi, a
-    )
+    ring = lambda r: analytic.hertz_pressure(r, a, p0) * np.abs(r) * math.pi  # noqa: E731
+    _, p = over_contact(ring, a)
     # |r| has a kink at the axis, where the midpoint rule is of second order: 1e-6.
     assert p.sum() == pytest.approx(force, rel=1e-5)
     # ANSYS VM63 data: a = 1.009635, p0 = 88.2904, delta = 0.127420, to the digits printed.
     assert (a, p0, delta) == pytest.approx((1.009635, 88.2904, 0.127420), rel=5e-6)
     # Boussinesq: the displacement at the centre of a Hertz pressure is π p0 a/(2 E*).
     assert delta == pytest.approx(math.pi * p0 * a / (2 * e_star), rel=1e-14)
-    assert force == pytest.approx(
-        4 / 3 * e_star * math.sqrt(8.0) * delta**1.5, rel=1e-14
-    )
+    exact = 4 / 3 * e_star * math.sqrt(8.0) * delta**1.5
+    assert force == pytest.approx(exact, rel=1e-14)
 
 
-def test_line_approach_is_the_sphere_limit_of_scaling() -> None:
+def test_radii_grow_with_roots_of_the_force_and_units_are_kept() -> None:
     # a ~ P^(1/2) along a line, P^(1/3) under a sphere.
-    assert analytic.hertz_line(4.0, 1.0, 1.0)[0] == pytest.approx(
-        2 * analytic.hertz_line(1.0, 1.0, 1.0)[0], rel=1e-15
-    )
-    assert analytic.hertz_sphere(8.0, 1.0, 1.0)[0] == pytest.approx(
-        2 * analytic.hertz_sphere(1.0, 1.0, 1.0)[0], rel=1e-15
-    )
+    for hertz, force in ((analytic.hertz_line, 4.0), (analytic.hertz_sphere, 8.0)):
+        a, larger = (hertz(p, 1.0, 1.0)[0] for p in (1.0, force))
+        assert larger == pytest.approx(2 * a, rel=1e-15)
+    # Length by 2^10, force by 2^-7: powers of two, yet roots round, hence 1e-15 and not bits.
+    s, c = 2.0**10, 2.0**-7
+    a, delta, p0 = analytic.hertz_sphere(3.0, 2.0, 5.0)
+    other = analytic.hertz_sphere(3 * c, 2 * s, 5 * c / s**2)
+    assert other == pytest.approx((a * s, delta * s, p0 * c / s**2), rel=1e-15)
+    a, p0 = analytic.hertz_line(3.0, 2.0, 5.0)
+    line = analytic.hertz_line(3 * c / s, 2 * s, 5 * c / s**2)
+    assert line == pytest.approx((a * s, p0 * c / s**2), rel=1e-15)
 
 
 @pytest.mark.parametrize(("column", "ratio"), [(2, 0.3), (3, 0.6), (4, 0.9)])
@@ -181,15 +184,9 @@ def test_bar_forgets_closed_loops() -> None:
     for k in (0, 4, 5, 6):
         assert u[k] == pytest.approx(loads[k] * abs(loads[k]) / 1e5, rel=1e-14)
     # Small steps along the same path give the same: the law has no rate and no step.
-    fine = np.concatenate(
-        [
-            np.linspace(a, b, 41)[1:]
-            for a, b in zip([0, *loads[:-1]], loads, strict=True)
-        ]
-    )
-    np.testing.assert_allclose(
-        analytic.bar_end_displacement(fine, 1000.0, 50.0)[39::40], u, rtol=1e-12
-    )
+    fine = np.interp(np.arange(1, 281) / 40, np.arange(8), [0, *loads])
+    again = analytic.bar_end_displacement(fine, 1000.0, 50.0)[39::40]
+    np.testing.assert_allclose(again, u, rtol=1e-12)
 
 
 def test_bar_dissipation_is_the_loop_area() -> None:
@@ -216,13 +213,12 @@ def test_one_contact_branches_table() -> None:
             key = float(row["mu"]), float(row["f_t"])
             listed.setdefault(key, []).append((row["status"].rstrip("+-"), values))
     assert len(listed) > 40
+    K = [[2.0, 0.5], [0.5, 1.0]]
     for (mu, f_t), rows in listed.items():
-        branches = analytic.one_contact_branches(
-            [[2.0, 0.5], [0.5, 1.0]], [-1.0, f_t], mu
-        )
-        key_of = sorted((b.status, [*b.displacement, *b.reaction]) for b in branches)
-        assert [s for s, _ in key_of] == [s for s, _ in sorted(rows)], (mu, f_t)
-        for (_, got), (_, want) in zip(key_of, sorted(rows), strict=True):
+        branches = analytic.one_contact_branches(K, [-1.0, f_t], mu)
+        own = sorted((b.status, [*b.displacement, *b.reaction]) for b in branches)
+        for (status, got), (known, want) in zip(own, sorted(rows), strict=True):
+            assert status == known, (mu, f_t)
             assert got == pytest.approx(want, rel=PRINTED, abs=PRINTED)
 
 
@@ -290,94 +286,47 @@ def test_flat_punch_carries_its_load() -> None:
     assert trailing > leading
 
 
-def test_all_forms_keep_their_units() -> None:
-    # Length by 2^10, force by 2^-7: powers of two, yet roots round, hence 1e-15 and not bits.
-    s, c = 2.0**10, 2.0**-7
-    a, delta, p0 = analytic.hertz_sphere(3.0, 2.0, 5.0)
-    assert analytic.hertz_sphere(3 * c, 2 * s, 5 * c / s**2) == pytest.approx(
-        (a * s, delta * s, p0 * c / s**2), rel=1e-15
-    )
-    a, p0 = analytic.hertz_line(3.0, 2.0, 5.0)
-    assert analytic.hertz_line(3 * c / s, 2 * s, 5 * c / s**2) == pytest.approx(
-        (a * s, p0 * c / s**2), rel=1e-15
-    )
-
-
 @pytest.mark.parametrize(
-    ("call", "name"),
+    ("form", "arguments", "name"),
     [
-        (lambda: analytic.contact_modulus(1.0, 0.6), "nu"),
-        (lambda: analytic.cattaneo_mindlin_line(1.0, 0.4, 1.0, 1.0, 0.3), "tangential"),
-        (lambda: analytic.mindlin_sphere(1.0, -0.4, 1.0, 1.0, 0.3, 1.0), "tangential"),
-        (lambda: analytic.partial_slip_traction(0.0, 1.0, 2.0, 1.0, 0.3), "c must"),
-        (lambda: analytic.oedometer(1.0, 1.0, 1.0, 0.51), "nu"),
-        (
-            lambda: analytic.one_contact_branches(
-                [[1.0, 2.0], [2.0, 1.0]], [0.0, 0.0], 0.1
-            ),
-            "stiff",
-        ),
-        (lambda: analytic.rotating_load(1.0, 1.0, 2.0), "limit"),
-        (lambda: analytic.rotating_load(1.0, 2.0, 1.0, 2), "steps"),
-        (lambda: analytic.flat_punch_pressure([0.0, 1.0], 1.0, 1.0), "x must"),
+        ("contact_modulus", (1.0, 0.6), "nu"),
+        ("cattaneo_mindlin_line", (1.0, 0.4, 1.0, 1.0, 0.3), "tangential"),
+        ("mindlin_sphere", (1.0, -0.4, 1.0, 1.0, 0.3, 1.0), "tangential"),
+        ("partial_slip_traction", (0.0, 1.0, 2.0, 1.0, 0.3), "c must"),
+        ("oedometer", (1.0, 1.0, 1.0, 0.51), "nu"),
+        ("one_contact_branches", ([[1.0, 2], [2, 1]], [0.0, 0], 0.1), "stiff"),
+        ("rotating_load", (1.0, 1.0, 2.0), "limit"),
+        ("rotating_load", (1.0, 2.0, 1.0, 2), "steps"),
+        ("flat_punch_pressure", ([0.0, 1.0], 1.0, 1.0), "x must"),
     ],
 )
-def test_bad_arguments_are_named(call: Callable[[], object], name: str) -> None:
+def test_bad_arguments_are_named(form: str, arguments: Any, name: str) -> None:
     with pytest.raises(ValueError, match=name):
-        call()
+        getattr(analytic, form)(*arguments)
 
 
+_PRESSED = {"force": 1.0, "radius": 2.0, "e_star": 3.0}
+_AT = {"distance": [0.0, 0.5], "a": 1.0, "p0": 2.0}
+_DRAGGED = _PRESSED | {"tangential": 0.1, "mu": 0.3}
+_LAYER = {"height": [0.0, 1.0], "pressure": 1.0, "young": 2.0}
 # Valid arguments of every function of `analytic`, by name.
 CLOSED_FORMS: dict[str, dict[str, Any]] = {
     "contact_modulus": {"e1": 2.0, "nu1": 0.3, "e2": 3.0, "nu2": 0.2},
-    "hertz_line": {"force": 1.0, "radius": 2.0, "e_star": 3.0},
-    "hertz_sphere": {"force": 1.0, "radius": 2.0, "e_star": 3.0},
-    "hertz_pressure": {"distance": [0.0, 0.5], "a": 1.0, "p0": 2.0},
-    "partial_slip_traction": {
-        "distance": [0.0, 0.5],
-        "a": 1.0,
-        "c": 0.4,
-        "p0": 2.0,
-        "mu": 0.3,
-    },
-    "cattaneo_mindlin_line": {
-        "force": 1.0,
-        "tangential": 0.1,
-        "radius": 2.0,
-        "e_star": 3.0,
-        "mu": 0.3,
-    },
-    "mindlin_sphere": {
-        "force": 1.0,
-        "tangential": 0.1,
-        "radius": 2.0,
-        "e_star": 3.0,
-        "mu": 0.3,
-        "shear_compliance": 1.0,
-    },
-    "sheared_patch": {
-        "height": [0.0, 1.0],
-        "pressure": 1.0,
-        "shear": 0.1,
-        "young": 2.0,
-    },
-    "oedometer": {"height": [0.0, 1.0], "pressure": 1.0, "young": 2.0, "nu": 0.3},
+    "hertz_line": _PRESSED,
+    "hertz_sphere": _PRESSED,
+    "hertz_pressure": _AT,
+    "partial_slip_traction": _AT | {"c": 0.4, "mu": 0.3},
+    "cattaneo_mindlin_line": _DRAGGED,
+    "mindlin_sphere": _DRAGGED | {"shear_compliance": 1.0},
+    "sheared_patch": _LAYER | {"shear": 0.1},
+    "oedometer": _LAYER | {"nu": 0.3},
     "bar_end_displacement": {"loads": [1.0, -1.0], "stiffness": 2.0, "limit": 3.0},
-    "bar_cycle_dissipation": {
-        "peak": 1.0,
-        "stiffness": 2.0,
-        "limit": 3.0,
-        "element": 0.1,
-    },
+    "bar_cycle_dissipation": {"peak": 1.0, "stiffness": 2.0, "limit": 3.0}
+    | {"element": 0.1},
     "one_contact_branches": {"stiffness": np.eye(2), "load": [-1.0, 0.2], "mu": 0.3},
     "rotating_load": {"stiffness": 1.0, "force": 2.0, "limit": 1.0, "steps": 8},
-    "flat_punch_pressure": {
-        "x": [0.0, 0.5],
-        "force": 1.0,
-        "half_width": 1.0,
-        "mu": 0.3,
-        "beta": 0.2,
-    },
+    "flat_punch_pressure": {"x": [0.0, 0.5], "force": 1.0, "half_width": 1.0}
+    | {"mu": 0.3, "beta": 0.2},
 }
 
 
