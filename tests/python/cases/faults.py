@@ -1,7 +1,7 @@
 """A15, A16: faults in infinite bodies, from the examples whose programs the documents show."""
 
 import sys
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -83,44 +83,19 @@ def a16(fine: bool = False) -> list[Refinement]:
 
     middle = [float(f.traction[f.z == 0, 1][0]) for f in held]
     slip, shear = reservoir.SLIP, float(reservoir.exact_shear(0.0))
+    slips = [(slip, float(np.abs(f.slip).max())) for f in sliding]
+    shears = [(shear, value) for value in middle]
+    of_slip = errors(sliding, "slip", 0, reservoir.exact_slip)
+    of_pressure = errors(sliding, "traction", 0, reservoir.exact_pressure)
+    of_shear = errors(held, "traction", 1, reservoir.exact_shear)
+    at = partial(refine, source=LAYERS, sizes=sizes, order=1.8, within=1e-4)
+    along = partial(profile, source=LAYERS, sizes=sizes)
     return [
-        profile(
-            "slip without friction, mean square",
-            LAYERS,
-            sizes,
-            errors(sliding, "slip", 0, reservoir.exact_slip),
-            1.4,
-        ),
-        refine(
-            "largest slip without friction [m]",
-            LAYERS,
-            sizes,
-            [(slip, float(np.abs(f.slip).max())) for f in sliding],
-            order=1.8,
-            within=1e-4,
-        ),
-        profile(
-            "pressure without friction, mean square",
-            LAYERS,
-            sizes,
-            errors(sliding, "traction", 0, reservoir.exact_pressure),
-            0.45,
-        ),
-        refine(
-            "shear in the middle, held [Pa]",
-            LAYERS,
-            sizes,
-            [(shear, value) for value in middle],
-            order=1.8,
-            within=1e-4,
-        ),
-        profile(
-            "shear, held, mean square",
-            LAYERS,
-            sizes,
-            errors(held, "traction", 1, reservoir.exact_shear),
-            0.45,
-        ),
+        along("slip without friction, mean square", error=of_slip, order=1.4),
+        at("largest slip without friction [m]", numbers=slips),
+        along("pressure without friction, mean square", error=of_pressure, order=0.45),
+        at("shear in the middle, held [Pa]", numbers=shears),
+        along("shear, held, mean square", error=of_shear, order=0.45),
     ]
 
 

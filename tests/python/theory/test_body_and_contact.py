@@ -17,7 +17,6 @@ from bipot_rs.mesh.boxes import box
 from bipot_rs.mesh.elements import second_order
 from bipot_rs.theory.functionals import (
     Functionals,
-    measure_bifunctional,
     of_problem,
 )
 from bipot_rs.theory.limit_load import bound_load
@@ -313,28 +312,6 @@ def test_excess_of_steps_that_break_and_lift(increments: bool) -> None:
             assert abs(f.excess(du, dr)) < 1e-13 * size
             whole = f.bifunctional(du, dr) + f.start_work
             assert whole == pytest.approx(f.excess(du, dr), abs=1e-13 * size)
-
-
-@pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
-def test_bifunctional_refuses_another_law_of_the_contacts(what: str) -> None:
-    """The answer of contacts with c and β, by their own law and by one without."""
-    shares = []
-    for seed in range(15):
-        K, B, law, load = draw_path(seed)
-        structure = Structure([K], (), Contacts(B, **law))
-        (step,) = structure.solve(load[:1], tol=1e-13)
-        start = structure.at_rest()
-        # A difference of energies, relative to that without contact.
-        size = step.work + load[0] @ np.linalg.solve(K, load[0])
-        own = measure_bifunctional(structure, start, step, load[0])
-        assert abs(own) < 1e-12 * size
-        # A reaction with cohesion may be outside of the other law: of infinite B.
-        law[what] = 0.5 * law[what]
-        other = Structure([K], (), Contacts(B, **law))
-        shares.append(measure_bifunctional(other, start, step, load[0]) / size)
-    # Not where all are open or stick inside both laws.
-    assert (np.array(shares) > 1e-3).sum() >= 4
-    assert min(shares) > -1e-12
 
 
 @pytest.mark.parametrize(("phi", "psi"), [(20.0, 20.0), (20.0, 0.0), (35.0, 5.0)])

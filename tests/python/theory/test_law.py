@@ -216,20 +216,6 @@ def test_a_continued_path() -> None:
         assert all(v.all() for v in laws.verdicts(law, *step, 1.0).values())
 
 
-def test_steps_are_read_from_the_result() -> None:
-    """A contact by hand: pressed, then pushed to its limit."""
-    load = np.array([[-2.0, 0.0], [-2.0, 1.5]])
-    result = bp.solve(np.eye(2), np.eye(2), load, gap=[0.5], mu=0.4)
-    law, du, dt = laws.step_of(result, 1)
-    np.testing.assert_allclose(law.start.reaction, [[1.5, 0.0]], rtol=1e-14)
-    np.testing.assert_allclose(law.start.opening, [0.0], atol=1e-14)
-    np.testing.assert_allclose(law.start.gap, [0.5])
-    np.testing.assert_allclose(dt, [[0.0, -0.6]], atol=1e-14)
-    np.testing.assert_allclose(du, [[0.0, 0.9]], atol=1e-14)
-    with pytest.raises(ValueError, match=r"k is 2, expected 0 to 1"):
-        laws.step_of(result, 2)
-
-
 def test_normal_and_gap_of_points() -> None:
     """(48) as printed if the points are apart; the given normal if they coincide."""
     rng = np.random.default_rng(9)
@@ -283,8 +269,10 @@ def test_mistakes_are_named(call: Callable[[], Any], words: str) -> None:
         call()
 
 
-def test_a_result_without_mu_has_no_law() -> None:
+def test_a_result_without_mu_or_a_step_has_no_law() -> None:
     result = bp.solve(np.eye(2), np.eye(2), [-1.0, 0.1], gap=[0.0], mu=0.4)
+    with pytest.raises(ValueError, match=r"k is 1, expected 0 to 0"):
+        laws.step_of(result, 1)
     del result.contacts["mu"]
     with pytest.raises(ValueError, match=r"result\.contacts has no .mu."):
         laws.step_of(result, 0)

@@ -39,13 +39,6 @@ def test_supports_take_motions_away(axis: int) -> None:
     assert words(problem) == [f"translation along {'y' if axis == 0 else 'x'}"]
 
 
-def test_a_held_body_has_no_rigid_motions() -> None:
-    body = block((2, 1), (3, 2), 7.0, 0.3)
-    fixed = np.concatenate([body.dofs(1, 1.0, 0), body.dofs(1, 1.0, 1)])
-    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3, fixed=fixed)
-    assert problem.rigid_motions == ()
-
-
 def test_contacts_that_cannot_hold_a_body() -> None:
     body = block((2, 1, 1), (2, 1, 1), 7.0, 0.3)
     rows_of_a_node = sparse.csr_array(body.B)[:3]

@@ -49,19 +49,6 @@ def test_a3_every_branch_is_found(f_t: float, mu: float) -> None:
         )
 
 
-def test_a4_wedged_and_relaxed() -> None:
-    for mu, reactions in ((3.0, [[1.0, 2.0], [0.0, 0.0]]), (1.5, [[0.0, 0.0]])):
-        problem = bp.ContactProblem(K, sparse.eye_array(2), gap=[0.0], mu=mu)
-        wedged = problem.solve([[-1.0, 8.0]])
-        all_answers = problem.reduced([0.0, 0.0], start=wedged).answers()
-        assert all_answers.complete
-        expected = [np.array(r) for r in reactions]
-        assert alike([s.reaction[0] for s in all_answers], expected, 1e-12)
-        unloaded = problem.solve([[0.0, 0.0]], start=wedged)
-        verdict = "others exist" if len(reactions) > 1 else "proved"
-        assert unloaded[0].unique == verdict
-
-
 def test_a_slider_pushed_off_its_spring_has_no_answer() -> None:
     # The cone programme Rᵀ r + e = 0 is feasible here: only the statuses prove it.
     stiffness = sparse.csr_array(np.ones((2, 2)))
@@ -198,13 +185,6 @@ def test_a_computed_verdict_is_pickled(tmp_path: Path) -> None:
         # Uniqueness of the second step was not computed before.
         assert [step.unique for step in copy] == ["proved", "unknown"]
     assert asked[1].unique == "proved"
-
-
-def test_uniqueness_is_unknown_without_convergence() -> None:
-    problem = one_contact([-1.0, 1.5], 0.3)
-    stopped = problem.solve("uzawa", max_iterations=1)
-    assert not stopped.converged
-    assert stopped.unique == "unknown"
 
 
 def test_a_sticking_solution_is_counted_once() -> None:
