@@ -161,7 +161,9 @@ def p3() -> list[Row]:
     held, still, force = stick[:, 1].sum(), still[:, 0], slip[:, 1].sum()
     return [
         exact("sum of r_t under 3564 N [N]", PAD, -3564.0, held, 1e-10),
-        exact("slip under 3564 N [mm]", PAD, 0 * still, still, 1e-10, size=9.0),
+        exact(
+            "slip under 3564 N [mm]", PAD, np.zeros_like(still), still, 1e-10, size=9
+        ),
         near("sum of r_t under 3636 N [N]", PAD, -3600.0, force, 1e-5),
         exact(included, "statics", -limit, force, 1e-10),
         near("slip under 3636 N [mm]", PAD, 9.0, moved, 1e-3),
