@@ -450,12 +450,12 @@ class _File:
         compressed: SparseMatrix = kind((x, i, p), shape=shape)
         return compressed
 
-    def _vector(self, name: str, found: Numbers) -> Numbers:
-        if found.ndim != 1:
+    def _vector(self, name: str, stored: Numbers) -> Numbers:
+        if stored.ndim != 1:
             raise _Fault(
-                f"{name} has {count_noun(found.ndim, 'dimension')}, expected 1"
+                f"{name} has {count_noun(stored.ndim, 'dimension')}, expected 1"
             )
-        return found
+        return stored
 
 
 def _check_indices(name: str, indices: Integers, limit: int) -> None:
@@ -588,21 +588,23 @@ def _read_vectors(file: _File, group: str) -> Vectors:
 
 
 def _check_vectors(
-    what: str, problem: ReducedProblem | GlobalProblem, known: Solution | Vectors
+    what: str, problem: ReducedProblem | GlobalProblem, solution: Solution | Vectors
 ) -> Vectors:
     """Arrays of a solution or guess, checked against its problem."""
-    if not isinstance(known, (Solution, Vectors)):
-        raise make_type_error(what, known, "a Solution or Vectors")
+    if not isinstance(solution, (Solution, Vectors)):
+        raise make_type_error(what, solution, "a Solution or Vectors")
     if isinstance(problem, GlobalProblem):
         shape, n, count = problem.w.shape, len(problem.f), None
     else:
         shape, n = problem.q.shape, None
         count = None if problem.rigid is None else len(problem.rigid[1])
-    if isinstance(known, Solution):
-        v = problem.velocity(known) if isinstance(problem, GlobalProblem) else None
+    if isinstance(solution, Solution):
+        v = problem.velocity(solution) if isinstance(problem, GlobalProblem) else None
         # The problem in the file has no rigid motions that condensation finds in M.
-        multiplier = None if count is None else known.rigid_motion
-        known = Vectors(known.relative_displacement, known.reaction, v, multiplier)
+        multiplier = None if count is None else solution.rigid_motion
+        solution = Vectors(
+            solution.relative_displacement, solution.reaction, v, multiplier
+        )
 
     def vector(name: str, value: ArrayLike | None, length: int | None) -> Floats | None:
         if value is None:
@@ -612,10 +614,10 @@ def _check_vectors(
         return floats(f"{name} of {what}", value, shape=(length,))
 
     return Vectors(
-        floats(f"u of {what}", known.u, shape=shape),
-        floats(f"r of {what}", known.r, shape=shape),
-        vector("v", known.v, n),
-        vector("multiplier", known.multiplier, count),
+        floats(f"u of {what}", solution.u, shape=shape),
+        floats(f"r of {what}", solution.r, shape=shape),
+        vector("v", solution.v, n),
+        vector("multiplier", solution.multiplier, count),
     )
 
 
@@ -679,8 +681,8 @@ def _write_matrix(group: Group, matrix: SparseMatrix | Floats) -> None:
     group["x"] = np.asarray(x, np.float64)
 
 
-def _write_vectors(group: Group, known: Vectors) -> None:
-    named = {"v": known.v, "l": known.multiplier, "u": known.u, "r": known.r}
+def _write_vectors(group: Group, vectors: Vectors) -> None:
+    named = {"v": vectors.v, "l": vectors.multiplier, "u": vectors.u, "r": vectors.r}
     for name, array in named.items():
         if array is not None:
             group[name] = np.ravel(array)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container
 from copy import deepcopy
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def copy_sharing(original: T) -> T:
     return twin
 
 
-def deepcopy_sharing(original: T, memo: dict[int, Any], shared: Container[str]) -> T:
+def deepcopy_sharing(original: T, memo: dict[int, object], shared: Container[str]) -> T:
     """A deep copy which has the attributes ``shared`` themselves, not copies of them."""
     twin = copy_sharing(original)
     memo[id(original)] = twin

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import count_noun, instead
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats, integer, number, show_value
 from bipot_rs.blocks.block import Block
 from bipot_rs.blocks.interfaces import Interface, find_interfaces, refuse_overlap
@@ -32,7 +32,7 @@ _WORTH = 1e-4
 _NAMED = 6
 
 
-class Resultant(NamedTuple):
+class InterfaceForce(NamedTuple):
     """What one interface transfers to its second block."""
 
     interface: int  # number of the interface
@@ -63,7 +63,7 @@ class BlockProblem(ReducedProblem):
         Numbers of the blocks that can move, in the order of ``a``.
     """
 
-    rigid: tuple[Any, Floats]
+    rigid: tuple[CsrMatrix, Floats]
 
     def __init__(
         self,
@@ -79,13 +79,13 @@ class BlockProblem(ReducedProblem):
         self._rebuild = partial(
             BlockProblem, self.blocks, self.interfaces, mu, gravity, stiffness
         )
-        self.points: Floats = np.concatenate([one.points for one in interfaces])
-        counts = [len(one.points) for one in interfaces]
+        self.points: Floats = np.concatenate([face.points for face in interfaces])
+        counts = [len(face.points) for face in interfaces]
         self.interface: Ints = np.repeat(np.arange(len(counts)), counts)
-        normals = np.array([one.normal for one in interfaces])
+        normals = np.array([face.normal for face in interfaces])
         self.frame: Floats = frames(normals)[self.interface]
         R = self._find_motions()
-        share = np.array([one.area for one in interfaces]) / counts
+        share = np.array([face.area for face in interfaces]) / counts
         W = _make_compliance(share[self.interface], self.frame.shape[1], stiffness)
         super().__init__(
             W,
@@ -156,7 +156,7 @@ class BlockProblem(ReducedProblem):
         """Displacement ``(n, d)`` of points of block ``k`` in a row of `moves`."""
         return rigid_motions(points - self.blocks[k].centre) @ motion
 
-    def resultants(self, reaction: ArrayLike) -> list[Resultant]:
+    def resultants(self, reaction: ArrayLike) -> list[InterfaceForce]:
         """Force and centre of pressure of each interface that carries a force."""
         r = floats("reaction", reaction, shape=self.q.shape)
         force = np.einsum("cd,cde->ce", r, self.frame)
@@ -166,7 +166,7 @@ class BlockProblem(ReducedProblem):
             normal = np.maximum(r[at, 0], 0.0)
             if normal.sum() > 0:
                 point = normal @ self.points[at] / normal.sum()
-                loaded.append(Resultant(k, force[at].sum(axis=0), point))
+                loaded.append(InterfaceForce(k, force[at].sum(axis=0), point))
         return loaded
 
     def normal_range(self, interface: int) -> tuple[float, float]:
@@ -292,7 +292,7 @@ class BlockProblem(ReducedProblem):
         count, d = self.points.shape
         modes = 3 * (d - 1)
         column_of = {k: modes * place for place, k in enumerate(self.free)}
-        owner = np.array([(one.first, one.second) for one in self.interfaces])
+        owner = np.array([(face.first, face.second) for face in self.interfaces])
         data, row, column = [], [], []
         for sign, side in zip((-1.0, 1.0), owner[self.interface].T, strict=True):
             at = np.flatnonzero(np.isin(side, self.free))
@@ -396,11 +396,11 @@ def assemble(
         interfaces = find_interfaces(blocks, tolerance=number("tolerance", tolerance))
     refuse_overlap(blocks)
     between = [
-        one
-        for one in interfaces
-        if not (blocks[one.first].support and blocks[one.second].support)
+        face
+        for face in interfaces
+        if not (blocks[face.first].support and blocks[face.second].support)
     ]
-    touching = {k for one in between for k in (one.first, one.second)}
+    touching = {k for face in between for k in (face.first, face.second)}
     for k, block in enumerate(blocks):
         if not block.support and k not in touching:
             raise FloatingBodyError(
@@ -445,8 +445,8 @@ def _read_friction(
     if not isinstance(mu, Mapping):
         return np.full(len(interfaces), number("mu", mu))
     coefficients = []
-    for one in interfaces:
-        pair = blocks[one.first].name, blocks[one.second].name
+    for face in interfaces:
+        pair = blocks[face.first].name, blocks[face.second].name
         value = mu.get(pair, mu.get(pair[::-1]))
         if value is None:
             raise ValueError(

@@ -6,11 +6,11 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Ints, Record
 from bipot_rs.blocks.block import Block
 from bipot_rs.blocks.interfaces import Interface, make_interface
 
@@ -87,7 +87,7 @@ def read(path: str | os.PathLike[str], *, density: float = 1.0) -> BlockFile:
     return whole
 
 
-def _read_json(data: Mapping[str, Any], density: float) -> BlockFile:
+def _read_json(data: Record, density: float) -> BlockFile:
     if "blocks" in data:
         return BlockFile(
             [Block(**{"density": density} | b) for b in data["blocks"]], None
@@ -114,10 +114,10 @@ def _read_json(data: Mapping[str, Any], density: float) -> BlockFile:
         )
     number = {key: k for k, key in enumerate(nodes)}
     stored = [
-        make_interface(blocks, number[u], number[v], one["data"]["points"])
+        make_interface(blocks, number[u], number[v], shared["data"]["points"])
         for u, ends in graph["edge"].items()
         for v, edge in ends.items()
-        for one in edge.get("interfaces") or []
+        for shared in edge.get("interfaces") or []
     ]
     keys = {key: block.name for key, block in zip(nodes, blocks, strict=True)}
     return BlockFile(blocks, stored or None, keys if named else {})

@@ -43,7 +43,7 @@ class Command(Protocol):
     def add_arguments(self, parser: Parser, /) -> None:
         """Add the arguments of the command to its parser."""
 
-    def run(self, found: argparse.Namespace, interrupts: Interrupts, /) -> int:
+    def run(self, arguments: argparse.Namespace, interrupts: Interrupts, /) -> int:
         """Carry it out with the arguments found; returns the exit status."""
 
 

@@ -80,10 +80,10 @@ class PrintText(argparse.Action):
         raise SystemExit(SOLVED)
 
 
-def read_options(kind: type[T], found: argparse.Namespace, **others: object) -> T:
+def read_options(kind: type[T], arguments: argparse.Namespace, **others: object) -> T:
     """The record ``kind`` of the arguments of a command, with ``others`` besides."""
     names = {field.name for field in fields(kind)} - others.keys()  # type: ignore[arg-type]
-    given = {name: value for name, value in vars(found).items() if name in names}
+    given = {name: value for name, value in vars(arguments).items() if name in names}
     return kind(**given, **others)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,11 +19,11 @@ from bipot_rs.files.series import has_no_points, read_collection, read_pieces
 from bipot_rs.mesh.readers import Grid, read_grid
 
 if TYPE_CHECKING:
-    from bipot_rs._lib.types import AnyArray, Record
+    from bipot_rs._lib.types import AnyArray, OpenRecord, Record
     from bipot_rs.mesh.kinds import ElementMesh
 
 
-def _report(title: str, rows: Iterable[Row], /, **figures: object) -> dict[str, Any]:
+def _report(title: str, rows: Iterable[Row], /, **figures: object) -> OpenRecord:
     shown = [(name, text) for name, text in rows if text]
     return {**figures, "lines": format_text((title, shown)).splitlines()}
 
@@ -32,7 +32,7 @@ def _report(title: str, rows: Iterable[Row], /, **figures: object) -> dict[str, 
 _SETTINGS = ("package", "method", "tol", "engine", "preconditioner", "ranks")
 
 
-def summarise_result(path: Path) -> dict[str, Any]:
+def summarise_result(path: Path) -> OpenRecord:
     """Summarise a result file, as ``print`` of the result does."""
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.contact.results.tables import make_row
@@ -45,7 +45,7 @@ def summarise_result(path: Path) -> dict[str, Any]:
     count, x = len(result), contacts.get("x")
     # A problem given as arrays may have no points.
     number, dim = result.shape if count or x is None else x.shape
-    figures: dict[str, Any] = {
+    figures: OpenRecord = {
         name: attributes.get(name) for name in ("scene", "message", *_SETTINGS)
     }
     for name in ("ranks", "planned"):
@@ -76,7 +76,7 @@ def summarise_result(path: Path) -> dict[str, Any]:
     return report
 
 
-def summarise_scene(name: str) -> dict[str, Any]:
+def summarise_scene(name: str) -> OpenRecord:
     """Summarise a scene: a file, or a shipped one."""
     from bipot_rs.scene.reading import read
 
@@ -127,7 +127,7 @@ MESH_SUFFIXES = (*_BODIES, *_SURFACES)
 _NAMES = 12
 
 
-def summarise_mesh(path: Path) -> dict[str, Any]:
+def summarise_mesh(path: Path) -> OpenRecord:
     """Summarise a mesh file: cells by kind, volumes and surfaces with their counts."""
     if path.suffix.lower() not in _SURFACES:
         return _summarise_bodies(path)
@@ -144,7 +144,7 @@ def box(x: AnyArray) -> str:
     return " × ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True))
 
 
-def _summarise_bodies(path: Path) -> dict[str, Any]:
+def _summarise_bodies(path: Path) -> OpenRecord:
     from bipot_rs.mesh.elements import kind_of
     from bipot_rs.mesh.readers import read_mesh, read_meshes
 
@@ -211,9 +211,9 @@ def _find_mistake(parts: Mapping[str, ElementMesh]) -> str:
     return ""
 
 
-def _list_counts(known: Mapping[str, int], noun: str) -> str:
-    names: Sequence[str] = sorted(known)
-    shown = [f"{name} ({count_noun(known[name], noun)})" for name in names[:_NAMES]]
+def _list_counts(counts: Mapping[str, int], noun: str) -> str:
+    names: Sequence[str] = sorted(counts)
+    shown = [f"{name} ({count_noun(counts[name], noun)})" for name in names[:_NAMES]]
     more = len(names) - _NAMES
     return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
 
@@ -221,7 +221,7 @@ def _list_counts(known: Mapping[str, int], noun: str) -> str:
 SERIES_SUFFIXES = (".pvd", ".pvtu", ".vtu")
 
 
-def summarise_fields(path: Path) -> dict[str, Any]:
+def summarise_fields(path: Path) -> OpenRecord:
     """Summarise a series of steps, by its last one, or the file of one step.
 
     A VTU file without a load step is a mesh, whose fields are listed too.
@@ -248,7 +248,7 @@ def summarise_fields(path: Path) -> dict[str, Any]:
     return _summarise_step(path)
 
 
-def _summarise_series(path: Path) -> dict[str, Any]:
+def _summarise_series(path: Path) -> OpenRecord:
     steps = read_collection(path)
     times = [time for time, _ in steps]
     title = f"{path}: a series of {count_noun(len(steps), 'step')} for ParaView"
@@ -266,7 +266,7 @@ def _summarise_series(path: Path) -> dict[str, Any]:
     return last | series | {"lines": [head, *last["lines"]]}
 
 
-def _summarise_step(path: Path) -> dict[str, Any]:
+def _summarise_step(path: Path) -> OpenRecord:
     """Summarise one step, whose parts may lie in several files."""
     files = [path]
     if path.suffix.lower() == ".pvtu":
@@ -295,7 +295,7 @@ def _read_grid(file: Path) -> Grid:
 
 def _summarise_grids(
     kind: str, title: str, path: Path, grids: list[Grid], more: Iterable[Row] = ()
-) -> dict[str, Any]:
+) -> OpenRecord:
     """Summarise the parts of one set of points, cells and fields."""
     cells: dict[str, int] = {}
     for grid in grids:

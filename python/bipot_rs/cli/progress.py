@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from bipot_rs._lib.messages import duration
 
 if TYPE_CHECKING:
-    from bipot_rs._lib.types import Record
+    from bipot_rs._lib.types import OpenRecord, Record
 
 
 # Seconds without a line after which one says what is going on.
@@ -34,7 +34,7 @@ def complain(message: str) -> None:
         tell(f"bipot: {message}", sys.stderr)
 
 
-def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
+def print_summary(summary: OpenRecord, *, as_json: bool) -> None:
     """Print the entry ``lines``, or all others as one object of --json."""
     lines = summary.pop("lines")
     if as_json:

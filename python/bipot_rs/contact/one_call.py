@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import MatrixLike
+from bipot_rs._lib.types import MatrixLike, OpenRecord
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
@@ -118,7 +118,7 @@ def solve(
     >>> result.displacement[-1].round(12)
     array([0.   , 0.002])
     """
-    arguments: dict[str, Any] = dict(keywords)
+    arguments: OpenRecord = dict(keywords)
     settings = {
         name: arguments.pop(name)
         for name in _OfSolve.__annotations__

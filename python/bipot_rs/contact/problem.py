@@ -23,7 +23,7 @@ from bipot_rs._lib.validation import (
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NoEquilibriumError
 from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import Engine
 from bipot_rs.contact.path.load_path import PathProblem, PathSolver, show_progress
 from bipot_rs.contact.path.load_steps import Held, Loading, last_step
@@ -229,7 +229,7 @@ class ContactProblem:
         else:
             stiffness, operator = matrices(K, B)
         n = stiffness.shape[0]
-        self.contacts = Contacts.check(
+        self.contacts = ContactSet.check(
             operator,
             gap=gap,
             mu=mu,

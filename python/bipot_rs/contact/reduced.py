@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
 from bipot_rs._lib.messages import count_noun, size
-from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
+from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike, OpenRecord
 from bipot_rs._lib.validation import (
     csr,
     floats,
@@ -141,7 +141,7 @@ class ReducedProblem:
         _ = self._problem  # the checks that only the core makes
 
     def __reduce__(self) -> tuple[object, ...]:
-        keywords: dict[str, Any] = {"rigid": self.rigid, **self.law.without_mu()}
+        keywords: OpenRecord = {"rigid": self.rigid, **self.law.without_mu()}
         return partial(ReducedProblem, **keywords), (self.W, self.q, self.mu)
 
     def __repr__(self) -> str:

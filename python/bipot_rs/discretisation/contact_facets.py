@@ -16,7 +16,7 @@ from bipot_rs.fem.contact.contact import both
 
 
 @dataclass(frozen=True)
-class Side:
+class FacetSide:
     """Contact facets on one of the two bodies."""
 
     # body, facet (m,): index of the body, and of the facet in its mesh.
@@ -31,8 +31,8 @@ class ContactFacets:
 
     # first, second Side: facets of the bodies that have the contacts, and the opposite facets;
     # the latter are missing for a rigid obstacle.
-    first: Side
-    second: Side
+    first: FacetSide
+    second: FacetSide
     area: Floats  # (m,): areas of `first`, including the thickness [m²]
     # (n_c,): tributary area of each contact [m²]; at the rim of `within` smaller than that of
     # the model.
@@ -158,10 +158,10 @@ def prescribed_facets(model: Assembly, bodies: Sequence[Simplices]) -> list[Bool
     return held
 
 
-def _side(parts: Sequence[tuple[int, Ints, Ints]], dim: int) -> Side:
+def _side(parts: Sequence[tuple[int, Ints, Ints]], dim: int) -> FacetSide:
     none = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, dim), np.int64))
     body = [np.full(len(facets), owner) for owner, facets, _ in parts]
-    return Side(
+    return FacetSide(
         np.concatenate([none[0], *body]),
         np.concatenate([none[1], *(facets for _, facets, _ in parts)]),
         np.concatenate([none[2], *(at for _, _, at in parts)]),

@@ -22,7 +22,7 @@ from bipot_rs.discretisation.simplices import Simplices, pairs
 
 
 def moments(
-    cells: Simplices, stress: Floats, body_force: Floats, given: Floats, known: Bools
+    cells: Simplices, stress: Floats, body_force: Floats, given: Floats, known_at: Bools
 ) -> Floats:
     """Moments ``∫_F φ_i t_F`` of tractions that satisfy (P), ``(facets, d nodes, d)``.
 
@@ -31,7 +31,7 @@ def moments(
     with the following loads.
     ``body_force``: ``(cells, d)``, force per volume.
     ``given``: moments of the tractions on boundary facets, ``(facets, d nodes, d)``.
-    ``known``: mask of given components, ``(facets, d)``: false for prescribed displacements and
+    ``known_at``: mask of given components, ``(facets, d)``: false for prescribed displacements and
     for interior facets.
     Raises `ValueError`: no tractions can balance the force at a node: a component is prescribed
     at the node, but on no facet with this node.
@@ -51,7 +51,7 @@ def moments(
         np.einsum("cij,ckj->cki", stress, cells.area[cells.facet_of]),
     )
     guess *= np.where(cells.outside, 1.0, 0.5)[:, None] / dim
-    values = np.where(known[:, None], given, guess[:, None])
+    values = np.where(known_at[:, None], given, guess[:, None])
     local = pairs(dim)
     key, sign = cells.local_moments()
     facet, at = np.divmod(key, dim)
@@ -60,7 +60,7 @@ def moments(
         rest[:, a] -= sign[:, p, None] * values[facet[:, p], at[:, p]]
 
     # Minimise the squared changes of moments over the area, as those of tractions.
-    free = np.where(known, 0.0, size[:, None])
+    free = np.where(known_at, 0.0, size[:, None])
     shift = _potentials(cells, free, rest)
     for p, (_, a) in enumerate(local):
         # An interior facet is visited from both its cells, and gets the difference.
@@ -122,10 +122,10 @@ def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
     return potentials.reshape(*corners.shape, dim)
 
 
-def _check(cells: Simplices, asked: Floats, found: Floats) -> None:
+def _check(cells: Simplices, asked: Floats, moments: Floats) -> None:
     left, terms = asked.copy(), np.abs(asked)
     for k, a in pairs(cells.dim):
-        moment = found[cells.facet_of[:, k], cells.place[:, k, a]]
+        moment = moments[cells.facet_of[:, k], cells.place[:, k, a]]
         left[:, a] -= cells.sign[:, k, None] * moment
         terms[:, a] += np.abs(moment)
     # Equations of nodes are satisfied up to the rounding of a factorisation, while an

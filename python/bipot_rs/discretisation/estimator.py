@@ -164,7 +164,7 @@ class Estimator:
         model = case.model
         _refuse_model(case)
         named = [
-            {name for name, own in (mesh.boundaries or {}).items() if border[own].all()}
+            {name for name, at in (mesh.boundaries or {}).items() if border[at].all()}
             for mesh in (body.mesh for body in model.bodies)
             for border in [np.asarray(mesh.f2t)[1] < 0]
         ]
@@ -234,29 +234,29 @@ class Estimator:
         lift = self._lift(at.relative_displacement[:, 0])
         ends = np.append(model.offset, model.n) // model.dim
         cells, volumes, stresses, energy = [], [], [], 0.0
-        for owner, (body, one) in enumerate(
+        for owner, (body, part) in enumerate(
             zip(model.bodies, self.bodies, strict=True)
         ):
             nodes = slice(ends[owner], ends[owner + 1])
             material = self.materials[owner]
             tractions = moments(
-                one,
-                elastic(material, strain(one, w[nodes])),
+                part,
+                elastic(material, strain(part, w[nodes])),
                 forces[owner],
                 moments_given[owner] + pulls[owner],
                 self.known[owner],
             )
-            stresses_given = elastic(material, strain(one, u[nodes]))
+            stresses_given = elastic(material, strain(part, u[nodes]))
             tractions = self.own[owner].relax(tractions, u[nodes], stresses_given)
             hat = johnson_mercier.stress(
-                one.edges, one.gradients, one.by_cell(tractions)
+                part.edges, part.gradients, part.by_cell(tractions)
             )
             missing = hat - stresses_given[:, None, None]
             for bubbles in lift.bubbles:
                 if bubbles.body == owner:
-                    bubbles.subtract(one, material, missing)
-            cells.append(body.depth * error_energy(one, material, missing))
-            volumes.append(body.depth * one.volume)
+                    bubbles.subtract(part, material, missing)
+            cells.append(body.depth * error_energy(part, material, missing))
+            volumes.append(body.depth * part.volume)
             stresses.append(hat)
             energy += 0.5 * float(volumes[-1] @ complementary(material, stresses_given))
         reasons = list(lift.reasons)
@@ -442,15 +442,15 @@ class _Bubbles:
     edges: Ints
     vector: Floats
 
-    def subtract(self, one: Simplices, material: Material, stress: Floats) -> None:
+    def subtract(self, cells: Simplices, material: Material, stress: Floats) -> None:
         """Subtract their stress from ``(cells, d + 1, d + 1, d, d)``, linear in each part."""
-        nodes = len(one.points)
+        nodes = len(cells.points)
         low, high = np.sort(self.edges, axis=1).T
         keys = low * nodes + high
         order = np.argsort(keys)
-        corners = range(one.dim + 1)
+        corners = range(cells.dim + 1)
         for a, b in combinations(corners, 2):
-            ends = np.sort(one.corners[:, [a, b]], axis=1)
+            ends = np.sort(cells.corners[:, [a, b]], axis=1)
             key = ends[:, 0] * nodes + ends[:, 1]
             at = np.minimum(np.searchsorted(keys, key, sorter=order), len(keys) - 1)
             cell = np.flatnonzero(keys[order[at]] == key)
@@ -461,13 +461,13 @@ class _Bubbles:
                 return elastic(material, 0.5 * (gradient + gradient.swapaxes(1, 2)))
 
             # ∇(φ_a φ_b) at the corners is ∇φ_b at a, ∇φ_a at b, and 0.
-            at_a = bent(one.gradients[cell, b])
-            at_b = bent(one.gradients[cell, a])
+            at_a = bent(cells.gradients[cell, b])
+            at_b = bent(cells.gradients[cell, a])
             for part in corners:
                 for corner, value in ((a, at_a), (b, at_b)):
                     if corner != part:
                         stress[cell, part, corner] -= value
-                stress[cell, part, part] -= (at_a + at_b) / (one.dim + 1)
+                stress[cell, part, part] -= (at_a + at_b) / (cells.dim + 1)
 
 
 @dataclass(frozen=True)

@@ -26,18 +26,18 @@ def surface_names(model: Assembly) -> list[str]:
 
 def surface_labels(model: Assembly) -> dict[str, AnyArray]:
     """``surface``, ``surface_names``, with bolts ``bolt_names``, in 3D facets and patches."""
-    found = {
+    arrays = {
         "surface": model.group,
         "surface_names": np.array(surface_names(model), str),
     }
     if model.bolts:
-        found["bolt_names"] = np.array([bolt.name for bolt in model.bolts], str)
+        arrays["bolt_names"] = np.array([bolt.name for bolt in model.bolts], str)
     if model.numbered.axisymmetric:
-        found["revolved"] = np.array(True)
+        arrays["revolved"] = np.array(True)
     if model.dim == 3:
         patches, cut = find_patches(model)
-        found |= {"facets": contact_facets(model, cut), **patches}
-    return found
+        arrays |= {"facets": contact_facets(model, cut), **patches}
+    return arrays
 
 
 def find_patches(model: Assembly) -> tuple[dict[str, AnyArray], list[Bools]]:
@@ -50,7 +50,7 @@ def find_patches(model: Assembly) -> tuple[dict[str, AnyArray], list[Bools]]:
     Returns corners ``patch_x (t, 3, 3)``, their contacts ``patch_of (t, 3, 4)`` and the weights
     of these, ``patch_weight``; and for each contact which facets of its surface they replace.
     """
-    found: list[tuple[Floats, Ints, Floats]] = []
+    patches: list[tuple[Floats, Ints, Floats]] = []
     cut: list[Bools] = []
     for number, contact in enumerate(model.contacts):
         numbered = model.numbered[contact.body]
@@ -59,13 +59,13 @@ def find_patches(model: Assembly) -> tuple[dict[str, AnyArray], list[Bools]]:
         nodes = side.facets.corners[:, : 3 if "tri" in body.kind.facet.vtk else 4]
         of_dof = np.full(model.n, -1)
         of_dof[model.contact_dofs[mine, 0]] = mine
-        own = of_dof[numbered.dofs[:, 0]]
+        at_nodes = of_dof[numbered.dofs[:, 0]]
         if contact.pairing == "mortar" and contact.against is not None:
             from bipot_rs.mortar.integrals import overlaps
             from bipot_rs.mortar.shape_functions import CORNER_SHAPES, reference
 
             mesh, against = side.mesh(), model.numbered[contact.against[0]].body
-            area = np.where(own >= 0, model.area[own], 0.0)
+            area = np.where(at_nodes >= 0, model.area[at_nodes], 0.0)
             partly = np.abs(area - mesh.node_areas) > _SEEN * mesh.node_areas
             inside = np.isin(side.facets.corners, side.nodes).all(axis=1)
             cut.append(np.logical_and(inside, partly[nodes].any(axis=1)))
@@ -75,22 +75,22 @@ def find_patches(model: Assembly) -> tuple[dict[str, AnyArray], list[Bools]]:
             x = mesh.centre[over.slave, None] + over.polygons @ mesh.bases[over.slave]
             shapes = CORNER_SHAPES[mesh.kind.corners]
             weight = shapes(reference(mesh.flat[over.slave], over.polygons))
-            of = own[mesh.corners[over.slave]]
+            of = at_nodes[mesh.corners[over.slave]]
         else:
             for pairs in model.images:
                 onto = of_dof[pairs.onto]
                 of_dof[pairs.onto] = np.where(onto < 0, of_dof[pairs.on], onto)
             of = of_dof[numbered.dofs[:, 0]][nodes]
             cut.append(
-                np.logical_and((of >= 0).all(axis=1), (own[nodes] < 0).any(axis=1))
+                np.logical_and((of >= 0).all(axis=1), (at_nodes[nodes] < 0).any(axis=1))
             )
             x, of = body.points[nodes[cut[-1]]], of[cut[-1]]
             weight = np.broadcast_to(np.eye(of.shape[1]), (len(of), *2 * of.shape[1:]))
         if len(of):
-            found.append(_split_polygons(x, of, weight))
+            patches.append(_split_polygons(x, of, weight))
     names = ("patch_x", "patch_of", "patch_weight")
-    arrays = map(np.concatenate, zip(*found, strict=True))
-    return dict(zip(names, arrays, strict=bool(found))), cut
+    arrays = map(np.concatenate, zip(*patches, strict=True))
+    return dict(zip(names, arrays, strict=bool(patches))), cut
 
 
 def _split_polygons(x: Floats, of: Ints, weight: Floats) -> tuple[Floats, Ints, Floats]:
@@ -117,14 +117,14 @@ def contact_facets(model: Assembly, cut: Sequence[Bools] | None = None) -> Ints:
     """
     surfaces = contact_surface(model, cut)
     parts = [nodes for kind, nodes in surfaces if kind != "vertex"]
-    found = np.full(
+    facets = np.full(
         (sum(map(len, parts)), max((p.shape[1] for p in parts), default=3)), -1
     )
     first = 0
     for nodes in parts:
-        found[first : first + len(nodes), : nodes.shape[1]] = nodes
+        facets[first : first + len(nodes), : nodes.shape[1]] = nodes
         first += len(nodes)
-    return found.astype(np.int64)
+    return facets.astype(np.int64)
 
 
 def contact_surface(
@@ -141,7 +141,7 @@ def contact_surface(
     3D counter-clockwise seen from outside the body. Contacts on no such facet follow as
     ``("vertex", (m, 1))``.
     """
-    found: dict[str, list[Ints]] = {}
+    blocks: dict[str, list[Ints]] = {}
     alone = np.ones(len(model.points), dtype=np.bool_)
     for number, contact in enumerate(model.contacts):
         numbered = model.numbered[contact.body]
@@ -167,8 +167,8 @@ def contact_surface(
                     :, _mirror_nodes(corners.shape[1])
                 ]
             alone[corners.ravel()] = False
-            found.setdefault(shape, []).append(corners)
-    cells = [(kind, np.concatenate(parts)) for kind, parts in found.items()]
+            blocks.setdefault(shape, []).append(corners)
+    cells = [(kind, np.concatenate(parts)) for kind, parts in blocks.items()]
     rest = np.flatnonzero(alone)[:, None]
     if len(rest):
         cells.append(("vertex", rest))

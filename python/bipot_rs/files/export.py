@@ -236,10 +236,10 @@ def _read_steps(file: File, attributes: Record, reader: _Reader) -> Saved:
 
 
 def _about(
-    known: Mapping[str, Quantity], name: str, units: Mapping[str, str]
+    quantities: Mapping[str, Quantity], name: str, units: Mapping[str, str]
 ) -> dict[str, str]:
     """Attributes of the dataset of this name; none if the table does not list it."""
-    return labels(known[name], units) if name in known else {}
+    return labels(quantities[name], units) if name in quantities else {}
 
 
 def _store(

@@ -147,11 +147,11 @@ def unit(dimension: str, units: Mapping[str, str]) -> str | None:
     return units.get(dimension) or None
 
 
-def labels(known: Quantity, units: Mapping[str, str]) -> dict[str, str]:
+def labels(quantity: Quantity, units: Mapping[str, str]) -> dict[str, str]:
     """Attributes of a dataset: ``meaning``, ``dimension``, ``frame``, ``units`` if known."""
-    attributes = {"meaning": known.meaning, "dimension": known.dimension}
-    attributes["frame"] = known.axes
-    attributes["units"] = unit(known.dimension, units) or ""
+    attributes = {"meaning": quantity.meaning, "dimension": quantity.dimension}
+    attributes["frame"] = quantity.axes
+    attributes["units"] = unit(quantity.dimension, units) or ""
     return {name: text for name, text in attributes.items() if text}
 
 

@@ -95,8 +95,8 @@ def _evaluate(
 ) -> list[Array]:
     count = len(host.shapes)
 
-    def product(*known: Array) -> tuple[Floats, ...]:
-        every = [np.asarray(a) for a in known]
+    def product(*arrays: Array) -> tuple[Floats, ...]:
+        every = [np.asarray(a) for a in arrays]
         call = host.vjp if transposed else host.jvp
         return tuple(call(every[:count], every[count:]))
 

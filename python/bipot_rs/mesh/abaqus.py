@@ -422,12 +422,12 @@ class Reader:
         self, line: int, word: str, what: Literal["nodes", "cells"]
     ) -> list[int]:
         """Numbers of a set, or the one number that stands in place of a name."""
-        sets, known = {
+        sets, named = {
             "nodes": (self.nodes_of, self.node.keys()),
             "cells": (self.cells_of, self.cell.keys()),
         }[what]
         members = self.find_set(sets, word)
-        if members is None and _NUMBER.fullmatch(word) and whole(word) in known:
+        if members is None and _NUMBER.fullmatch(word) and whole(word) in named:
             members = [whole(word)]
         if members is None:
             raise self._error(line, f"uses {what} {word!r} that are not defined")

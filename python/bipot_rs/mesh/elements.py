@@ -96,9 +96,9 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[ElementMesh, Ints]
     return mesh, number
 
 
-def keep_topology(mesh: ElementMesh, known: ElementMesh) -> None:
+def keep_topology(mesh: ElementMesh, source: ElementMesh) -> None:
     """Give a mesh the topology of another: it does not depend on positions and names."""
-    vars(mesh).update({k: v for k, v in vars(known).items() if k not in vars(mesh)})
+    vars(mesh).update({k: v for k, v in vars(source).items() if k not in vars(mesh)})
 
 
 def second_order(mesh: ElementMesh, *, serendipity: bool = False) -> ElementMesh:

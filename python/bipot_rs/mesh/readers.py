@@ -242,10 +242,10 @@ def _of_meshio(path: Path, suffix: str, source: Path) -> Content:
     elif suffix == ".med":
         # A family, by its number, has the cells that are in the same groups.
         for family, names in read.cell_tags.items():
-            own = [np.flatnonzero(k == family) for k in read.cell_data["cell_tags"]]
+            cells = [np.flatnonzero(k == family) for k in read.cell_data["cell_tags"]]
             for name in names:
                 held = file.sets.setdefault(name, _none(file))
-                file.sets[name] = [*map(np.union1d, held, own)]
+                file.sets[name] = [*map(np.union1d, held, cells)]
         return file
     else:
         for name, parts in read.cell_sets.items():

@@ -216,21 +216,21 @@ def _normals(name: str, places: Floats) -> tuple[Floats, Floats]:
     return area / size[:, None], size
 
 
-def _middles(found: FacetMesh) -> None:
+def _middles(mesh: FacetMesh) -> None:
     """Refuse nodes on edges that are nearer to an end than to the midpoint."""
-    kind, c = found.kind, found.kind.corners
-    edges = min(kind.nodes - c, c if found.dim == 3 else 1)
+    kind, c = mesh.kind, mesh.kind.corners
+    edges = min(kind.nodes - c, c if mesh.dim == 3 else 1)
     for k in range(edges):
-        a, b = (found.points[found.facets[:, i]] for i in (k, (k + 1) % c))
-        middle = found.points[found.facets[:, c + k]]
+        a, b = (mesh.points[mesh.facets[:, i]] for i in (k, (k + 1) % c))
+        middle = mesh.points[mesh.facets[:, c + k]]
         off = np.linalg.norm(middle - (a + b) / 2, axis=1)
         wrong = off >= np.linalg.norm(b - a, axis=1) / 2
         if wrong.any():
             at = int(np.argmax(wrong))
             raise ValueError(
-                f"{found.name} has node {found.facets[at, c + k]} of facet {at} "
+                f"{mesh.name} has node {mesh.facets[at, c + k]} of facet {at} "
                 f"{off[at]:g} from the middle of its edge between the nodes "
-                f"{found.facets[at, k]} and {found.facets[at, (k + 1) % c]}: expected "
+                f"{mesh.facets[at, k]} and {mesh.facets[at, (k + 1) % c]}: expected "
                 "corners first, then the middles of the edges in turn"
             )
 

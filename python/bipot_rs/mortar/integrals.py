@@ -470,14 +470,16 @@ def _beyond(skew: Floats) -> Ints:
     return np.where(skew <= _SKEW, 0, 2 * (beyond // 2 + 1))
 
 
-def weights(slave: FacetMesh, found: Integrals, master: FacetMesh | None) -> Weights:
+def weights(
+    slave: FacetMesh, integrals: Integrals, master: FacetMesh | None
+) -> Weights:
     """Weights of all contacts, by the three rules of this module."""
     from scipy import sparse
 
-    corners, nodes, over = slave.corners, len(slave.points), found.overlaps
-    covered = found.mass.sum(axis=2)
+    corners, nodes, over = slave.corners, len(slave.points), integrals.overlaps
+    covered = integrals.mass.sum(axis=2)
     kept = _keep_covered(slave, covered)
-    dual, area = _dual(found.mass, covered, kept[corners])
+    dual, area = _dual(integrals.mass, covered, kept[corners])
     total = np.bincount(corners.ravel(), area.ravel(), minlength=nodes)
     contacts = np.flatnonzero(kept)
     number = np.full(nodes, -1)
@@ -494,16 +496,16 @@ def weights(slave: FacetMesh, found: Integrals, master: FacetMesh | None) -> Wei
         return _averages(matrix.tocsr())
 
     own_weights = assemble(
-        np.arange(len(corners)), dual @ found.own, slave.facets, nodes
+        np.arange(len(corners)), dual @ integrals.own, slave.facets, nodes
     )
     if master is None:
         other = sparse.csr_array((len(contacts), 0))
     else:
-        blocks = dual[over.slave] @ found.coupling
+        blocks = dual[over.slave] @ integrals.coupling
         columns, width = master.facets[over.master], len(master.points)
         other = assemble(over.slave, blocks, columns, width)
     means = []
-    for field in found.clearance:
+    for field in integrals.clearance:
         gap = np.einsum("mij,mj->mi", dual, field)
         gap = np.bincount(corners.ravel(), gap.ravel(), minlength=nodes)
         means.append(gap[contacts] / total[contacts])

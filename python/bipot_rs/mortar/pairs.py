@@ -316,7 +316,7 @@ def weigh_surface(
 
 def make_rigid_pairs(
     slave: FacetMesh,
-    found: Weights,
+    weighed: Weights,
     normals: Floats,
     axis: ArrayLike | None,
     columns: tuple[Ints, Ints, int],
@@ -325,7 +325,7 @@ def make_rigid_pairs(
 
     ``normals (n_c, d)`` point from the obstacle to the nodes of the contacts.
     """
-    return _assemble_pairs(found, frames(normals, axis), slave, None, 0.0, columns)
+    return _assemble_pairs(weighed, frames(normals, axis), slave, None, 0.0, columns)
 
 
 def _clearance(value: ArrayLike, nodes: int) -> Floats:
@@ -517,7 +517,7 @@ def _dofs(what: str, value: object, shape: tuple[int, int], n: int) -> Ints:
 
 
 def _assemble_pairs(
-    found: Weights,
+    weighed: Weights,
     frame: Floats,
     slave: FacetMesh,
     master: FacetMesh | None,
@@ -527,24 +527,24 @@ def _assemble_pairs(
     """Components along the frames, and the gaps of the undeformed positions."""
     dofs_slave, dofs_master, n = columns
     # Relative to one of the points: far from the origin the gap would lose digits.
-    origin = slave.points[found.node[0]]
-    gap = clearance + (found.clearance[0] if len(found.clearance) else 0.0)
-    B = expand(found.slave, frame, dofs_slave, n)
+    origin = slave.points[weighed.node[0]]
+    gap = clearance + (weighed.clearance[0] if len(weighed.clearance) else 0.0)
+    B = expand(weighed.slave, frame, dofs_slave, n)
     if master is not None:
-        apart = found.slave @ (slave.points - origin)
-        apart = apart - found.master @ (master.points - origin)
+        apart = weighed.slave @ (slave.points - origin)
+        apart = apart - weighed.master @ (master.points - origin)
         gap = gap + np.einsum("cd,cd->c", frame[:, 0], apart)
-        B = (B - expand(found.master, frame, dofs_master, n)).tocsr()
+        B = (B - expand(weighed.master, frame, dofs_master, n)).tocsr()
     return Pairs(
         B=B,
         gap=np.asarray(gap),
-        area=found.area,
-        points=np.ascontiguousarray(slave.points[found.node]),
+        area=weighed.area,
+        points=np.ascontiguousarray(slave.points[weighed.node]),
         frame=frame,
-        node=found.node,
-        slave=found.slave,
-        master=found.master,
-        facets=_facets(slave, found.node),
+        node=weighed.node,
+        slave=weighed.slave,
+        master=weighed.master,
+        facets=_facets(slave, weighed.node),
     )
 
 

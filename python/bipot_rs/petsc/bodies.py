@@ -97,12 +97,12 @@ def check_holding(
     return True
 
 
-def _hold(comm: Communicator, holding: Floats, found: HoldingRows) -> None:
+def _hold(comm: Communicator, holding: Floats, rows: HoldingRows) -> None:
     """Add rows of all ranks, each with its body, to triangles ``(bodies, m, m)``.
 
     The triangle of a QR factorisation tells what the rows tell.
     """
-    body, values = found
+    body, values = rows
     order = np.argsort(body, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(body[order])) + 1)
     ours = {int(body[part[0]]): _reduce(values[part]) for part in parts if len(part)}

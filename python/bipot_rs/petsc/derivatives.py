@@ -111,7 +111,7 @@ class DistributedResponse(PathResponse):
         """Work of loads and prescribed displacements of each step, without cancellation."""
         operator = self._operator
         for step in steps:
-            own = sum_work(
+            work = sum_work(
                 step.load.array_r,  # type: ignore[union-attr]
                 step.displacement.array_r,  # type: ignore[attr-defined]
                 operator.fixed,
@@ -119,7 +119,7 @@ class DistributedResponse(PathResponse):
                     _multiply(operator, operator.K, operator.make_vector(y)).array_r
                 ),
             )
-            yield float(operator.comm.allreduce(own))
+            yield float(operator.comm.allreduce(work))
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Ints, PetscMat, PetscVec
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.iterative import UncondensedStep
 from bipot_rs.contact.path.springs import Springs
 from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.solution import Step as WholeStep
-from bipot_rs.petsc.interface import Interface
+from bipot_rs.petsc.interface import SharedPlaces
 from bipot_rs.petsc.linear.solver import LinearSolver
 from bipot_rs.petsc.operator import Operator
 from bipot_rs.petsc.result import Step
@@ -145,8 +145,8 @@ class Copies:
 
     springs: Springs
     K: PetscMat  # that of the caller
-    places: Interface
-    all_places: Interface
+    places: SharedPlaces
+    all_places: SharedPlaces
 
     def extended(self, operator: Operator, vector: PetscVec) -> PetscVec:
         """A Vec with zeros at the copies."""
@@ -232,7 +232,9 @@ class PetscEngine:
         state = at.reaction, at.relative_displacement, at.status
         return _core.ContactPath(variables, state)
 
-    def recovery(self, _seconds: dict[str, float], _contacts: Contacts, /) -> _Recovery:
+    def recovery(
+        self, _seconds: dict[str, float], _contacts: ContactSet, /
+    ) -> _Recovery:
         """Steps of this engine have their displacements already."""
         return _Recovery()
 
@@ -249,7 +251,7 @@ class PetscEngine:
         u.array[rows] = values[ours]
         return u, rows
 
-    def make_force(self, load: PetscVec, prescribed: Floats) -> PetscVec:
+    def make_force(self, load: Any, prescribed: Floats) -> PetscVec:
         """``Tᵀ (f - K u_p)`` without the prescribed rows."""
         u, _ = self.make_prescribed(prescribed)
         f = self.operator.make_zeros()
@@ -294,7 +296,7 @@ class PetscPath:
     def _solve(
         self,
         load: PetscVec,
-        u: PetscVec | None,
+        u: Any,
         prescribed: Floats,
         gap: Floats | None,
         settings: Settings,

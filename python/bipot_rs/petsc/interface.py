@@ -10,7 +10,7 @@ import numpy as np
 from bipot_rs._lib.types import Communicator, Floats, Integers, Ints, PetscVec
 
 
-class Interface:
+class SharedPlaces:
     """The degrees of freedom of all nodes that a contact touches.
 
     ``dofs``: number of each place of the interface in K, ascending: ``d`` places for a node.

@@ -16,7 +16,7 @@ from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact.errors import NotIterativeError, describe_contact, with_reason
 from bipot_rs.contact.path.choice import forecast_bytes
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.springs import Springs
 from bipot_rs.petsc import own_rows, tuning
 from bipot_rs.petsc.agreement import do_together
@@ -30,7 +30,7 @@ from bipot_rs.petsc.bodies import (
     rigid_motions,
 )
 from bipot_rs.petsc.engine import Copies, PetscEngine
-from bipot_rs.petsc.interface import Interface
+from bipot_rs.petsc.interface import SharedPlaces
 from bipot_rs.petsc.library import Library
 from bipot_rs.petsc.linear import options
 from bipot_rs.petsc.linear.joined import JoinedBodies
@@ -47,7 +47,7 @@ _PLANE_FACTOR = 2000.0
 class Arguments(NamedTuple):
     """Checked arguments of a problem, the same on every rank but for the coordinates."""
 
-    contacts: Contacts  # those of all ranks
+    contacts: ContactSet  # those of all ranks
     fixed: Ints  # all prescribed degrees of freedom, in the order of the caller
     coordinates: Floats | None  # (own rows, d) or None: of the own degrees of freedom
     gather: int  # number of unknowns up to which the first rank factors all of K
@@ -58,7 +58,7 @@ class Arguments(NamedTuple):
 class _Places(NamedTuple):
     """The places of the interface, and B there."""
 
-    interface: Interface
+    interface: SharedPlaces
     fixed: Ints  # prescribed rows of this rank
     # Number of each place among all prescribed degrees of freedom; their number for a free
     # place.
@@ -164,7 +164,7 @@ def _number_places(K: PetscMat, given: Arguments, library: Library) -> _Places:
     nodes = np.unique(np.unique(matrix.indices[matrix.data != 0]) // d)
     dofs = (d * nodes[:, None] + np.arange(d)).ravel()
     ranges = np.asarray(K.getOwnershipRanges(), np.int64)
-    interface = Interface(K.comm.tompi4py(), library.MPI, dofs, ranges)
+    interface = SharedPlaces(K.comm.tompi4py(), library.MPI, dofs, ranges)
     kept = csr_array(matrix, copy=True)
     kept.eliminate_zeros()
     entries = kept.data, interface.find_places(kept.indices), kept.indptr
@@ -212,11 +212,11 @@ def _copy_sides(
     count, total = rows.count + added * last, n + added
     dofs = np.concatenate([interface.dofs, np.arange(n, total)])
     ends = np.append(ranges[:-1], total).astype(np.int64)
-    all_places = Interface(comm, library.MPI, dofs, ends)
+    all_places = SharedPlaces(comm, library.MPI, dofs, ends)
     stretched = (springs.rows.T @ diags_array(springs.stiffness) @ springs.rows).tocoo()
     row = dofs[stretched.row] - rows.first
-    own = (row >= 0) & (row < count)
-    entries = stretched.data[own], (row[own], dofs[stretched.col[own]])
+    here = (row >= 0) & (row < count)
+    entries = stretched.data[here], (row[here], dofs[stretched.col[here]])
     pointer = np.append(rows.pointer, np.full(count - rows.count, rows.pointer[-1]))
     shape = count, total
     stiffened = csr_array((rows.values, rows.column, pointer), shape=shape)
@@ -250,7 +250,7 @@ def _copy_sides(
     return matrix, changed, library, Copies(springs, K, interface, all_places)
 
 
-def _read_blocks(rows: own_rows.OwnRows, interface: Interface, d: int) -> Floats:
+def _read_blocks(rows: own_rows.OwnRows, interface: SharedPlaces, d: int) -> Floats:
     """Diagonal blocks of ``K`` at the own places of the interface, a row ``(d,)`` of each."""
     blocks = np.zeros((len(interface.rows), d))
     for k, row in enumerate(interface.rows):

@@ -8,7 +8,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat, PetscVec
-from bipot_rs.petsc.interface import Interface
+from bipot_rs.petsc.interface import SharedPlaces
 from bipot_rs.petsc.own_rows import OwnRows, scatter
 
 
@@ -30,7 +30,7 @@ class Operator:
         self,
         K: PetscMat,
         variables: _core.ContactVariables,
-        interface: Interface,
+        interface: SharedPlaces,
         fixed: Ints,
         d: int,
         PETSc: ModuleType,
@@ -84,7 +84,7 @@ class Operator:
         tangent: _core.ContactTangent,
         x: PetscVec,
         y: PetscVec,
-        springs: Springs | None = None,
+        springs: SlidingSprings | None = None,
         *,
         transposed: bool = False,
     ) -> None:
@@ -164,7 +164,7 @@ class Operator:
         return terms.norm(), at_places
 
 
-class Springs:
+class SlidingSprings:
     """The symmetric part of the springs of sliding contacts, at the places."""
 
     def __init__(self, tangent: _core.ContactTangent, d: int) -> None:

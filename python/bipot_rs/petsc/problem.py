@@ -33,7 +33,7 @@ from bipot_rs._lib.validation import (
     settings,
 )
 from bipot_rs.contact.messages.remarks import examine_arrays
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.load_path import PathProblem, PathSolver, find_start
 from bipot_rs.contact.path.load_steps import Loading, Totals
 from bipot_rs.contact.path.moving_gaps import MovingGaps
@@ -135,7 +135,7 @@ class ContactProblem:
                 )
             if np.size(gap) == 0:
                 raise ValueError("gap has no contacts, and engine='petsc' needs some")
-            contacts = Contacts.check(
+            contacts = ContactSet.check(
                 operator,
                 gap=gap,
                 mu=mu,
@@ -449,8 +449,8 @@ def _gather_rows(K: PetscMat, rows: Ints, comm: Communicator) -> CsrMatrix:
     for row in rows[(rows >= first) & (rows < last)].tolist():
         column, values = K.getRow(row)
         ours[row] = csr_array((values, column, [0, len(column)]), shape=(1, n))
-    known = {row: it for part in comm.allgather(ours) for row, it in part.items()}
-    whole: CsrMatrix = vstack([known[row] for row in rows.tolist()]).tocsr()
+    everywhere = {row: it for part in comm.allgather(ours) for row, it in part.items()}
+    whole: CsrMatrix = vstack([everywhere[row] for row in rows.tolist()]).tocsr()
     return whole
 
 

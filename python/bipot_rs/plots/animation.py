@@ -108,14 +108,14 @@ def _numbers(path: Result, steps: ArrayLike | None) -> list[int]:
 
 
 def _common(
-    found: Picture,
+    picture: Picture,
     result: Result,
     model: object,
     numbers: list[int],
     options: dict[str, object],
 ) -> dict[str, object]:
     """The options that give all frames the same scales."""
-    of_body = found.draw is deformed
+    of_body = picture.draw is deformed
     common: dict[str, object] = {}
     if of_body:
         largest = max(
@@ -125,10 +125,10 @@ def _common(
         common["scale"] = usual_scale(model, [result[k] for k in numbers])
         if largest > 0:
             common["largest_force"] = largest
-    if found.takes("limits") and options.get("limits") is None:
+    if picture.takes("limits") and options.get("limits") is None:
         ranges, boxes = [], []
         for k in numbers:
-            ax = found(result, model, step=k, **(common | options))
+            ax = picture(result, model, step=k, **(common | options))
             ranges += _ranges(ax)
             boxes.append(_corners(ax))
         low, high = np.array(ranges).T if ranges else (np.zeros(1), np.zeros(1))
@@ -162,7 +162,7 @@ def _corners(ax: Axes) -> tuple[Floats, Floats]:
 
 def _write(
     target: Path,
-    found: Picture,
+    picture: Picture,
     result: Result,
     model: object,
     numbers: list[int],
@@ -175,7 +175,7 @@ def _write(
     writer = PillowWriter(fps=rate)  # type: ignore[arg-type]
     with aside(target) as draft:
         for first, k in enumerate(numbers):
-            figure = figure_of(found(result, model, step=k, **options))
+            figure = figure_of(picture(result, model, step=k, **options))
             if first == 0:
                 writer.setup(figure, draft, dpi=dpi)
             writer.fig = figure

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.blocks.problem import BlockProblem, Resultant
+from bipot_rs.blocks.problem import BlockProblem, InterfaceForce
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space
 
@@ -88,11 +88,15 @@ def blocks(
             ax.plot(*hinges.T, "o", mfc="white", mec="black", ms=5, label="hinges")
     if reaction is not None:
         loaded = problem.resultants(floats("reaction", reaction))
-        size = max((float(np.linalg.norm(one.force)) for one in loaded), default=1.0)
+        size = max(
+            (float(np.linalg.norm(acting.force)) for acting in loaded), default=1.0
+        )
         half = _ARROW / 2 * extent / size
         lines = [
-            np.array([one.point - half * one.force, one.point + half * one.force])
-            for one in loaded
+            np.array(
+                [acting.point - half * acting.force, acting.point + half * acting.force]
+            )
+            for acting in loaded
         ]
         unit = (units or {}).get("force")
         largest = f"resultants, largest {size:.3g}{f' {unit}' if unit else ''}"
@@ -164,13 +168,15 @@ def _move(
     return outlines, problem.points[partly[problem.interface] & ~opens]
 
 
-def _find_thrust(problem: BlockProblem, loaded: Sequence[Resultant]) -> list[Floats]:
+def _find_thrust(
+    problem: BlockProblem, loaded: Sequence[InterfaceForce]
+) -> list[Floats]:
     """Lines between the centres of pressure of blocks that two interfaces carry."""
     centres: dict[int, list[Floats]] = {}
-    for one in loaded:
-        interface = problem.interfaces[one.interface]
+    for acting in loaded:
+        interface = problem.interfaces[acting.interface]
         for k in (interface.first, interface.second):
-            centres.setdefault(k, []).append(one.point)
+            centres.setdefault(k, []).append(acting.point)
     return [
         np.array(both)
         for k, both in sorted(centres.items())

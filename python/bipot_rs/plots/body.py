@@ -226,10 +226,10 @@ def _bodies(given: object, result: object) -> tuple[Assembly, Case | None]:
     return drawn_model(given)
 
 
-def _at_rest(case: Case, result: object, found: Step, step: int) -> Floats | None:
+def _at_rest(case: Case, result: object, shown: Step, step: int) -> Floats | None:
     """Stress of the initial strains of a case at a step."""
-    if any(getattr(found, name, None) is not None for name in ("s", "cycle")):
-        return case.stress_at_rest(found)
+    if any(getattr(shown, name, None) is not None for name in ("s", "cycle")):
+        return case.stress_at_rest(shown)
     number = number_of(result, step)
     if number is not None:
         return case.stress_at_rest(number[0])
@@ -408,21 +408,21 @@ def _forces(
     return np.asarray(at - arrows), largest
 
 
-def _obstacles(model: Assembly, found: Step, scale: float, ax: Axes) -> Floats:
+def _obstacles(model: Assembly, shown: Step, scale: float, ax: Axes) -> Floats:
     """Draw rigid obstacles opposite to the contacts; return corners ``(k, 2)``."""
     from matplotlib.collections import PolyCollection
 
     from bipot_rs.fem.contact_surface import contact_surface
 
-    model = model.in_step(found)
+    model = model.in_step(shown)
     normal = model.frame[:, 0]
     # The gap of the undeformed body at this step: the obstacle may have moved, also by its
     # own unknowns.
-    of_bodies = found.displacement.copy()
+    of_bodies = shown.displacement.copy()
     for reference in model.references:
         if reference.kind == "obstacle":
             of_bodies[reference.dofs] = 0.0
-    gap = found.relative_displacement[:, 0] - (model.B @ of_bodies)[:: model.dim]
+    gap = shown.relative_displacement[:, 0] - (model.B @ of_bodies)[:: model.dim]
     near = model.points - scale * gap[:, None] * normal
     far = near - _THICK * np.ptp(model.nodes, axis=0).max() * normal
     rigid = np.array([contact.against is None for contact in model.contacts], bool)

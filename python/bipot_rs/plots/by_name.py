@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from inspect import signature
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bipot_rs._lib.messages import meant
+from bipot_rs._lib.types import Record
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots.body import deformed
 from bipot_rs.plots.data import look, model_of
@@ -128,7 +129,7 @@ def chosen(
     return picture, model
 
 
-def _usual(result: object, options: Mapping[str, Any]) -> str:
+def _usual(result: object, options: Record) -> str:
     """The picture of a result if none is named."""
     choices = {k: options[k] for k in ("step", "contacts", "on") if k in options}
     path = result if isinstance(result, Result) else None

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import make_type_error, meant
-from bipot_rs._lib.types import Floats, Integers, Ints
+from bipot_rs._lib.types import Floats, Integers, Ints, OpenRecord, Record
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.result import Result
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 ContactsArgument = Mapping[str, object] | object
 # Arrays ``x``, ``frame``, ``area``, ``mu``, ``facets``, ``surface``, and the names of
 # surfaces, which a user may give: they are checked where they are read.
-ContactData: TypeAlias = Mapping[str, Any]
+ContactData: TypeAlias = Record
 # What chooses contacts: all, or numbers.
 Chosen = slice | NDArray[np.intp]
 
@@ -78,7 +78,7 @@ class DrawnContacts:
             name: getattr(self, name)
             for name in (*arrays, "wear", "cohesion", "surface")
         }
-        cut: dict[str, Any] = {
+        cut: OpenRecord = {
             name: None if array is None else array[chosen]
             for name, array in arrays_of_contacts.items()
         }
@@ -142,16 +142,16 @@ class DrawnContacts:
         return np.asarray(vectors, np.float64)
 
 
-def contacts_of(found: object, given: ContactsArgument | None) -> ContactData:
+def contacts_of(result: object, given: ContactsArgument | None) -> ContactData:
     """Data of the contacts: those of ``contacts=``, else those of the result."""
     if given is None:
-        return found.contacts if isinstance(found, Result) else {}
+        return result.contacts if isinstance(result, Result) else {}
     if isinstance(given, Mapping):
         return given
     model, _ = model_of(given)
     if model is None and hasattr(given, "facets"):
         # The `Pairs` of surfaces.
-        stored = found.contacts if isinstance(found, Result) else {}
+        stored = result.contacts if isinstance(result, Result) else {}
         names = {"x": "points", "frame": "frame", "area": "area", "facets": "facets"}
         arrays = {name: getattr(given, there) for name, there in names.items()}
         return {"mu": stored.get("mu"), **arrays}
@@ -189,9 +189,9 @@ def drawn_model(given: object) -> tuple[Assembly, Case | None]:
     return model, case
 
 
-def units_of(found: object, units: Mapping[str, str] | None) -> Mapping[str, str]:
+def units_of(result: object, units: Mapping[str, str] | None) -> Mapping[str, str]:
     """Names of units: those given, else those of the result."""
-    names: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
+    names: Mapping[str, str] = getattr(result, "units", {}) if units is None else units
     if not isinstance(names, Mapping):
         raise make_type_error(
             "units", names, "a mapping from length, force and stress to their names"
@@ -201,44 +201,44 @@ def units_of(found: object, units: Mapping[str, str] | None) -> Mapping[str, str
     return names
 
 
-def steps_of(found: object) -> Result:
+def steps_of(result: object) -> Result:
     """The `Result` itself; an error if it is something else, or has no steps."""
-    if not isinstance(found, Result):
-        raise make_type_error("result", found, "a Result")
-    if not len(found):
-        raise ValueError(f"result has no steps to draw: {found.message}")
-    return found
+    if not isinstance(result, Result):
+        raise make_type_error("result", result, "a Result")
+    if not len(result):
+        raise ValueError(f"result has no steps to draw: {result.message}")
+    return result
 
 
-def one_step(found: object, step: int) -> Solution:
+def one_step(result: object, step: int) -> Solution:
     """A step of a result, or the solution itself."""
-    if isinstance(found, Solution):
-        return found
-    path = steps_of(found)
+    if isinstance(result, Solution):
+        return result
+    path = steps_of(result)
     if not -len(path) <= step < len(path):
         raise ValueError(f"step is {step}, expected 0 to {len(path) - 1}")
     solution: Solution = path[step]
     return solution
 
 
-def number_of(found: object, step: int) -> tuple[int, int] | None:
+def number_of(result: object, step: int) -> tuple[int, int] | None:
     """Index of a step of a `Result` on the whole path, and its length; None for a step."""
-    if not isinstance(found, Result):
+    if not isinstance(result, Result):
         return None
-    count = found.first_step + len(found)
-    return (step if step < 0 else found.first_step + step) % count, count
+    count = result.first_step + len(result)
+    return (step if step < 0 else result.first_step + step) % count, count
 
 
-def said_of(found: object, step: int) -> str:
+def said_of(result: object, step: int) -> str:
     """``load step 3 of 8``; empty for a path of one step."""
-    number = number_of(found, step)
+    number = number_of(result, step)
     if number is None or number[1] == 1:
         return ""
     return f"load step {number[0] + 1} of {number[1]}"
 
 
 def look(
-    found: object,
+    result: object,
     step: int = -1,
     *,
     contacts: ContactsArgument | None = None,
@@ -250,14 +250,14 @@ def look(
     Raises `TypeError` or `ValueError`: an argument is missing, or of a wrong type or shape; the
     message names it.
     """
-    solution = one_step(found, step)
-    arrays_of_contacts = contacts_of(found, contacts)
+    solution = one_step(result, step)
+    arrays_of_contacts = contacts_of(result, contacts)
     n, d = solution.reaction.shape
     if arrays_of_contacts.get("x") is None:
         way = "contacts= to this function"
-        if isinstance(found, Result):
+        if isinstance(result, Result):
             way = f"points= to ContactProblem, or {way}"
-        elif isinstance(found, Step):
+        elif isinstance(result, Step):
             way = f"the whole result with step=, or {way}"
         raise ValueError(f"the places of the contacts are not known: pass {way}")
     mu = arrays_of_contacts.get("mu")
@@ -290,10 +290,10 @@ def look(
     if arrays_of_contacts.get("facets") is not None and "patch_x" in arrays_of_contacts:
         patches = tuple(arrays_of_contacts[f"patch_{k}"] for k in ("x", "of", "weight"))
     seen = DrawnContacts(
-        units=units_of(found, units),
+        units=units_of(result, units),
         surface=surface_of(arrays_of_contacts, n),
         names=names_of(arrays_of_contacts),
-        said=said_of(found, step),
+        said=said_of(result, step),
         revolved=arrays_of_contacts.get("revolved") is not None,
         facets=facets_of(arrays_of_contacts, n) if d == 3 else None,
         patches=patches,
@@ -303,9 +303,9 @@ def look(
     return seen if on is None else seen.part(selection(on, n, arrays_of_contacts))
 
 
-def surface_of(known: ContactData, contacts: int) -> Ints | None:
+def surface_of(data: ContactData, contacts: int) -> Ints | None:
     """Number of the surface of each contact, ``(n_c,)``; None if unknown."""
-    surfaces = known.get("surface")
+    surfaces = data.get("surface")
     if surfaces is None:
         return None
     numbers_of_surfaces = np.asarray(surfaces)
@@ -321,9 +321,9 @@ def surface_of(known: ContactData, contacts: int) -> Ints | None:
     return numbers_of_surfaces.astype(np.int64)
 
 
-def facets_of(known: ContactData, contacts: int) -> Ints | None:
+def facets_of(data: ContactData, contacts: int) -> Ints | None:
     """Facets of the contacts, ``(m, k)``; None if unknown."""
-    facets = known.get("facets")
+    facets = data.get("facets")
     return None if facets is None else triangles.check_facets(facets, contacts)
 
 
@@ -333,12 +333,12 @@ def numbers(chosen: Chosen, contacts: int) -> NDArray[np.intp]:
     return chosen_contacts
 
 
-def names_of(known: ContactData) -> list[str]:
+def names_of(data: ContactData) -> list[str]:
     """Names of the surfaces by number; [] if surfaces are unknown."""
-    surface = known.get("surface")
+    surface = data.get("surface")
     if surface is None or not np.size(surface):
         return []
-    names, count = known.get("surface_names"), int(np.max(surface)) + 1
+    names, count = data.get("surface_names"), int(np.max(surface)) + 1
     if names is None or len(names) < count:
         return [f"surface {k}" for k in range(count)]
     return [str(name) for name in names]
@@ -370,9 +370,9 @@ def selection(
     return chosen
 
 
-def _of_surface(name: str, known: ContactData) -> NDArray[np.intp]:
+def _of_surface(name: str, data: ContactData) -> NDArray[np.intp]:
     """Numbers of the contacts on a surface, or on ``name 0``, ``name 1``, …."""
-    names = names_of(known)
+    names = names_of(data)
     if not names:
         raise ValueError(
             f"on is {name!r}, but the surfaces of the contacts are not known: pass the "
@@ -380,7 +380,7 @@ def _of_surface(name: str, known: ContactData) -> NDArray[np.intp]:
         )
     wanted = {name, *(f"{name} {k}" for k in range(len(names)))}
     mine = [k for k, surface_name in enumerate(names) if surface_name in wanted]
-    chosen = np.flatnonzero(np.isin(known["surface"], mine))
+    chosen = np.flatnonzero(np.isin(data["surface"], mine))
     if not chosen.size:
         raise ValueError(
             f"there is no contact on {name!r}, expected one of "

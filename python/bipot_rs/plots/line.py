@@ -139,24 +139,24 @@ def lines_of(
     return list(zip(names, lines, strict=True)), name
 
 
-def mark_of(one: Places) -> style.LineStyle:
+def mark_of(line: Places) -> style.LineStyle:
     """Style of the markers of a line: none if they would overlap."""
-    if not one.once:
+    if not line.once:
         # A line through them would go back and forth.
         return {"marker": "o", "ms": 2, "ls": "none"}
-    return {"marker": "o", "ms": 3} if len(one.s) <= _MARKERS else {}
+    return {"marker": "o", "ms": 3} if len(line.s) <= _MARKERS else {}
 
 
-def _component(seen: DrawnContacts, tangential: Floats, one: Places) -> Floats:
+def _component(seen: DrawnContacts, tangential: Floats, line: Places) -> Floats:
     """Component of tangential vectors ``(n_c, d - 1)`` along a line, ``(m,)``.
 
     In 2D the whole vector, positive in the direction of growing position.
     """
-    tangential_in_order = tangential[one.order]
+    tangential_in_order = tangential[line.order]
     if seen.frame is None and seen.x.shape[1] == 2:
         return np.asarray(tangential_in_order[:, 0], np.float64)
-    tangents = seen.has_frame[one.order, 1:]
-    along = np.einsum("mkd,md->mk", tangents, one.towards)
+    tangents = seen.has_frame[line.order, 1:]
+    along = np.einsum("mkd,md->mk", tangents, line.towards)
     if seen.x.shape[1] == 2:
         return np.asarray(
             tangential_in_order[:, 0] * np.where(along[:, 0] < 0, -1.0, 1.0)
@@ -164,17 +164,17 @@ def _component(seen: DrawnContacts, tangential: Floats, one: Places) -> Floats:
     return np.asarray(np.einsum("mk,mk->m", tangential_in_order, along), np.float64)
 
 
-def _limit(seen: DrawnContacts, one: Places, pressure: Floats) -> Floats:
+def _limit(seen: DrawnContacts, line: Places, pressure: Floats) -> Floats:
     """Largest shear along a line, ``(m,)``."""
-    mu: Floats = np.asarray(seen.mu, np.float64)[one.order]
+    mu: Floats = np.asarray(seen.mu, np.float64)[line.order]
     if seen.cohesion is not None:
-        area = 1.0 if seen.area is None else seen.area[one.order]
-        return np.asarray(seen.cohesion[one.order] / area + mu * pressure)
+        area = 1.0 if seen.area is None else seen.area[line.order]
+        return np.asarray(seen.cohesion[line.order] / area + mu * pressure)
     if mu.ndim == 1:
         return mu * pressure
     # The most that an ellipse's points reach along the line.
-    tangents = seen.has_frame[one.order, 1:]
-    along = dissipation(mu, np.einsum("mkd,md->mk", tangents, one.towards))
+    tangents = seen.has_frame[line.order, 1:]
+    along = dissipation(mu, np.einsum("mkd,md->mk", tangents, line.towards))
     return along * pressure
 
 

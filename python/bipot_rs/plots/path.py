@@ -340,12 +340,12 @@ def _style(steps: int) -> canvas.LineStyle:
 
 
 def _choose(
-    path: Result, on: ArrayLike | str | None, known: ContactData
+    path: Result, on: ArrayLike | str | None, data: ContactData
 ) -> tuple[Chosen, Floats | None, Floats | None]:
     """Contacts to draw, their frames and their friction coefficients."""
     n, d = path[0].reaction.shape
-    chosen = selection(on, n, known)
-    frame, mu = known.get("frame"), known.get("mu")
+    chosen = selection(on, n, data)
+    frame, mu = data.get("frame"), data.get("mu")
     if frame is not None:
         frame = floats("frame of contacts", frame, shape=(n, d, d))
         if any(step.frame is not None for step in path):

@@ -77,8 +77,8 @@ def reaction_band(
     return ax
 
 
-def _draw(ax: Axes, s: Floats, least: Floats, found: Floats, largest: Floats) -> None:
-    values = np.concatenate([least, found, largest])
+def _draw(ax: Axes, s: Floats, least: Floats, solved: Floats, largest: Floats) -> None:
+    values = np.concatenate([least, solved, largest])
     values = np.append(values[np.isfinite(values)], 0.0)
     beyond = _BEYOND * (float(np.ptp(values)) or 1.0)
     low = np.where(np.isfinite(least), least, values.min() - beyond)
@@ -86,7 +86,7 @@ def _draw(ax: Axes, s: Floats, least: Floats, found: Floats, largest: Floats) ->
     ax.fill_between(s, low, high, color=style.LIMIT, alpha=0.25, lw=0)
     line: style.LineStyle = {"marker": "o", "ms": 3}
     ax.plot(s, high, color=style.LIMIT, lw=1, label="largest", **line)
-    ax.plot(s, found, color=style.PRESSURE, lw=1.6, label="found", **line)
+    ax.plot(s, solved, color=style.PRESSURE, lw=1.6, label="found", **line)
     ax.plot(s, low, color=style.LIMIT, lw=1, ls="--", label="least", **line)
     for bound, drawn, mark in ((largest, high, "^"), (least, low, "v")):
         ends = np.isinf(bound)

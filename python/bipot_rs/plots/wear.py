@@ -126,7 +126,9 @@ def _choose(path: Result, cycles: ArrayLike | None) -> list[int]:
     wanted = np.atleast_1d(integers("cycles", cycles))
     for cycle in wanted.tolist():
         if cycle not in cycles_recorded:
-            near = min(cycles_recorded, key=lambda one: abs((one or 0) - cycle))
+            near = min(
+                cycles_recorded, key=lambda recorded: abs((recorded or 0) - cycle)
+            )
             raise ValueError(
                 f"cycles has {cycle}, which was jumped over or not reached; the next that "
                 f"was solved is {near}"

@@ -31,7 +31,7 @@ from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import Known, inconsistencies
 from bipot_rs.scene.schema.contact import Rigid
 from bipot_rs.scene.schema.load import InitialStrain
-from bipot_rs.scene.schema.mesh import Block, Place, Within
+from bipot_rs.scene.schema.mesh import BodyTable, Place, Within
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import Varying
 
@@ -90,7 +90,7 @@ def _describe_body(body: Body) -> Known:
     )
 
 
-def _make_mesh(scene: Scene, block: Block) -> ElementMesh:
+def _make_mesh(scene: Scene, block: BodyTable) -> ElementMesh:
     if block.mesh is not None:
         # The readers take longer to import than a box takes to mesh.
         from bipot_rs.mesh.readers import read_mesh
@@ -137,7 +137,7 @@ def _find_surface(mesh: ElementMesh, name: str, table: Place, inside: bool) -> I
     return surface(mesh, within, table.normal, table.angle, inside=inside)
 
 
-def _make_material(scene: Scene, block: Block) -> Elastic | dict[str, Elastic]:
+def _make_material(scene: Scene, block: BodyTable) -> Elastic | dict[str, Elastic]:
     """The material of a body, or one for each named volume."""
     plane = {
         "plane_stress": block.plane == "stress",

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import count_noun
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Ints, OpenRecord
 from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
@@ -79,7 +79,7 @@ class Model:
         n: int | None = None,
         element: str | None = None,
     ) -> None:
-        self._table: dict[str, Any] = {}
+        self._table: OpenRecord = {}
         # Relative names of files refer to this folder.
         self._folder = Path()
         if title:
@@ -142,7 +142,7 @@ class Model:
             Path(path).write_bytes(content)
         return text_of_scene
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> OpenRecord:
         """Copy of the tables, as `tomllib` would read them from the file."""
         return copy.deepcopy(self._table)
 
@@ -591,7 +591,7 @@ class ModelResult(Result):
         return resultants.reference_force(self.case.model, self.steps, name)
 
 
-def _seen_from(folder: Path, here: Path, table: dict[str, Any]) -> None:
+def _seen_from(folder: Path, here: Path, table: OpenRecord) -> None:
     """Change file names relative to ``here`` into names relative to ``folder``."""
 
     def seen(file: object) -> object:

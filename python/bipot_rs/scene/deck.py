@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, OpenRecord
 from bipot_rs.mesh.abaqus import Reader, Section
 from bipot_rs.mesh.elements import facet_nodes
 from bipot_rs.mesh.readers import read_mesh
@@ -118,8 +118,8 @@ class Deck:
             if short or (least and word in list(_LEAST)[:3] and not rows):
                 where = f"{section.path}, line {(short or [section.line])[0]}"
                 raise ValueError(f"{where}: *{word} has fewer than {least} entries")
-            known = _KNOWN.get(word, section.parameters)
-            other = [key for key in section.parameters if key not in known]
+            parameters = _KNOWN.get(word, section.parameters)
+            other = [key for key in section.parameters if key not in parameters]
             if other:
                 self._note(section, f"has {', '.join(other)}, which is not taken")
             if word == "STEP":
@@ -197,12 +197,12 @@ class Deck:
                 block, k = mesh.cell[number]
                 cells.setdefault(part[mesh.blocks[block][1][k, 0]], []).append(number)
             for k, (owner, members) in enumerate(cells.items(), 1):
-                own = name if len(cells) == 1 else f"{name}_{k}"
-                if own != name:
+                body = name if len(cells) == 1 else f"{name}_{k}"
+                if body != name:
                     rows = "\n".join(map(str, members))
-                    self.sets.append(f"*ELSET, ELSET={own}\n{rows}")
+                    self.sets.append(f"*ELSET, ELSET={body}\n{rows}")
                 piece = pieces.setdefault(owner, _Piece())
-                piece.materials[own] = section.named("MATERIAL")
+                piece.materials[body] = section.named("MATERIAL")
                 piece.cells.update(members)
                 kind = mesh.types[mesh.cell[members[0]][0]]
                 if kind.startswith("CPS"):
@@ -240,11 +240,11 @@ class Deck:
             m.material(_word(name), young=young, poisson=poisson)
         for name, piece in self._pieces.items():
             group = list(piece.materials)
-            found = read_mesh(mesh, group)
-            piece.points = found.p.T
-            piece.at = {tuple(x): k for k, x in enumerate(found.p.T.tolist())}
-            for surface, facets in (found.boundaries or {}).items():
-                nodes = np.unique(facet_nodes(found, np.asarray(facets))).tolist()
+            content = read_mesh(mesh, group)
+            piece.points = content.p.T
+            piece.at = {tuple(x): k for k, x in enumerate(content.p.T.tolist())}
+            for surface, facets in (content.boundaries or {}).items():
+                nodes = np.unique(facet_nodes(content, np.asarray(facets))).tolist()
                 piece.surfaces[surface.upper()] = surface, set(nodes)
             materials = {part: _word(word) for part, word in piece.materials.items()}
             only = len(group) == 1
@@ -256,7 +256,7 @@ class Deck:
         self._touch(m)
         count = sum(len(step.times) for step in self._steps)
         if count > 1:
-            factors: dict[str, Any] = {n: list(f) for f, n in self._factors.items()}
+            factors: OpenRecord = {n: list(f) for f, n in self._factors.items()}
             m.path(steps=count, **factors)
         return m
 
@@ -268,11 +268,11 @@ class Deck:
 
     def _places(
         self, section: Section, line: int, word: str, *, each: bool = False
-    ) -> Iterator[tuple[dict[str, Any], int]]:
+    ) -> Iterator[tuple[OpenRecord, int]]:
         """Keys that choose the nodes of a set, and their number; off surfaces ``each`` node."""
         mesh = self._mesh
-        one = int(word) if word.isdecimal() else -1
-        numbers = mesh.find_set(mesh.nodes_of, word) or [one]
+        node = int(word) if word.isdecimal() else -1
+        numbers = mesh.find_set(mesh.nodes_of, word) or [node]
         if not all(number in mesh.node for number in numbers):
             where = f"{section.path}, line {line}"
             raise ValueError(f"{where}: there are no nodes {word!r}")
@@ -321,7 +321,7 @@ class Deck:
         return {"value": largest, "amplitude": name}
 
     def _support(self, m: Model) -> None:
-        found: dict[str, tuple[dict[str, Any], dict[int, _Changes]]] = {}
+        supports: dict[str, tuple[OpenRecord, dict[int, _Changes]]] = {}
         for k, section, line, row in self._rows("BOUNDARY"):
             texts = [part or row[1] for part in (*row, "")[1:3]]
             reals = section.reals(line, texts) if row[1].upper() not in _NAMED else []
@@ -336,13 +336,13 @@ class Deck:
                 self._note(section, "has OP=NEW: supports stay until the end", line)
             for keys, _ in self._places(section, line, row[0]):
                 for dof in range(dofs[0] - 1, min(dofs[1], 3)):
-                    held = found.setdefault(str(keys), (keys, {}))[1]
+                    held = supports.setdefault(str(keys), (keys, {}))[1]
                     if k and dof not in held:
                         self._note(section, "begins after step 1: not taken", line)
                     else:
                         change = value, section.named("AMPLITUDE")
                         held.setdefault(dof, {})[k] = change
-        for keys, held in found.values():
+        for keys, held in supports.values():
             d = self._pieces[keys["on"].partition(".")[0]].points.shape[1]
             each = [(k, self._number("BOUNDARY", c)) for k, c in held.items() if k < d]
             if each:
@@ -350,20 +350,20 @@ class Deck:
 
     def _load(self, m: Model) -> None:
         """Pressures, tractions, gravity, and forces on nodes that make up a surface."""
-        found: dict[tuple[str, ...], _Changes] = {}
+        loads: dict[tuple[str, ...], _Changes] = {}
         first: dict[tuple[str, ...], tuple[Section, int]] = {}
         for k, section, line, row in self._rows("DLOAD", "DSLOAD", "CLOAD"):
             while not row[-1]:
                 row.pop()
             # The direction is part of what is loaded.
             key = section.word, row[0].upper(), row[1].upper(), *row[3:]
-            if k in found.get(key, ()):
+            if k in loads.get(key, ()):
                 self._note(section, "is repeated: the last one is taken", line)
             (value,) = section.reals(line, row[2:3]) or [0.0]
-            found.setdefault(key, {})[k] = value, section.named("AMPLITUDE")
+            loads.setdefault(key, {})[k] = value, section.named("AMPLITUDE")
             first.setdefault(key, (section, line))
-        forces: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
-        for key, changes in found.items():
+        forces: dict[str, tuple[OpenRecord, OpenRecord]] = {}
+        for key, changes in loads.items():
             (word, place, label, *rest), (section, line) = key, first[key]
             taken = False
             if word == "CLOAD" and label in ("1", "2", "3"):
@@ -399,10 +399,10 @@ class Deck:
             # A rigid set of one node that does not turn is this node.
             within = {a: [x, x] for a, x in zip(AXES, keys["at"], strict=False)}
             turn = dict.fromkeys(AXES if len(within) == 3 else AXES[2:], 0.0)
-            table: dict[str, Any] = {"within": within, "turn": turn, "force": force}
+            table: OpenRecord = {"within": within, "turn": turn, "force": force}
             m.remote(f"node_{k}", on=keys["on"], **table)
 
-    def _vector(self, kind: str, changes: _Changes, parts: Floats) -> dict[str, Any]:
+    def _vector(self, kind: str, changes: _Changes, parts: Floats) -> OpenRecord:
         number = self._number(kind, changes)
         each = zip(AXES, parts.tolist(), strict=False)
         return {axis: _scale(number, part) for axis, part in each if part}
@@ -411,9 +411,11 @@ class Deck:
         """Bodies of one density that are parts of a set."""
         cells = set(self._mesh.find_set(self._mesh.cells_of, place) or ())
         for body, piece in self._pieces.items():
-            known = {self._density.get(name, 0.0) for name in piece.materials.values()}
-            if len(known) == 1 and all(known) and piece.cells <= cells:
-                yield body, known.pop()
+            densities = {
+                self._density.get(name, 0.0) for name in piece.materials.values()
+            }
+            if len(densities) == 1 and all(densities) and piece.cells <= cells:
+                yield body, densities.pop()
 
     def _touch(self, m: Model) -> None:
         names: list[str] = []
@@ -436,8 +438,8 @@ class Deck:
 
     def _on(self, name: str) -> list[str]:
         """A surface on each body that has a part of it."""
-        found = [(b, p.surfaces.get(name.upper())) for b, p in self._pieces.items()]
-        return [f"{body}.{surface[0]}" for body, surface in found if surface]
+        surfaces = [(b, p.surfaces.get(name.upper())) for b, p in self._pieces.items()]
+        return [f"{body}.{surface[0]}" for body, surface in surfaces if surface]
 
 
 def _scale(number: Any, factor: float) -> Any:

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import make_type_error
-from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike
+from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike, OpenRecord
 from bipot_rs._lib.validation import floats, integer
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
@@ -194,7 +194,7 @@ class Functionals:
                 f"step {at} of result, or the step before it, has frames of its own: the "
                 "functionals need those of B"
             )
-        start: dict[str, Any] = {}
+        start: OpenRecord = {}
         if before is not None:
             u0, offset = before.displacement, structure.gap.copy()
             moved = (structure.matrix @ u0).reshape(offset.shape)

@@ -196,7 +196,7 @@ def _gather_rows(
     contacts, d = structure.shape
     weights.append(np.ones(contacts))
     counts = np.repeat(
-        [*(group.d for group in structure.points), d], [len(one) for one in weights]
+        [*(group.d for group in structure.points), d], [len(row) for row in weights]
     )
     # Rows of unit length for each cone: neither units nor the sizes of cells matter.
     whole = sparse.csr_array(sparse.vstack([*blocks, structure.B @ motions]))

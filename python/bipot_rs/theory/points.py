@@ -397,9 +397,9 @@ def _find_least(tangent: Floats, plane: bool) -> Floats:
         around = np.stack([np.cos(_RING), np.sin(_RING)], axis=1)
         for radius in _RADII:
             # A frame across each direction, and a ring of directions around it.
-            one = np.cross(at, np.eye(3)[np.abs(at).argmin(axis=1)])
-            one /= length(one)[:, None]
-            frame = np.stack([one, np.cross(at, one)], axis=1)
+            across = np.cross(at, np.eye(3)[np.abs(at).argmin(axis=1)])
+            across /= length(across)[:, None]
+            frame = np.stack([across, np.cross(at, across)], axis=1)
             ring = at[:, None] + radius * np.einsum("qk,mkd->mqd", around, frame)
             ring /= length(ring)[..., None]
             values = _determinants(tangent, ring)

@@ -39,7 +39,7 @@ from bipot_rs._lib.validation import (
 )
 from bipot_rs._lib.validation import gap as gap_by_component
 from bipot_rs.contact.path.bond import Bond
-from bipot_rs.contact.path.contacts import Contacts as CheckedContacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.fem.bodies.body import Body, Field
 from bipot_rs.fem.bodies.elasticity import dofs_of, stiffness
 from bipot_rs.theory.limit_load import refuse_step
@@ -126,7 +126,7 @@ class Structure:
         self,
         bodies: Sequence[Body | MatrixLike] = (),
         soils: Sequence[Inelastic] = (),
-        contacts: Contacts | Assembly | CheckedContacts | None = None,
+        contacts: Contacts | Assembly | ContactSet | None = None,
         fixed: ArrayLike = (),
     ) -> None:
         for what, parts in (("bodies", bodies), ("soils", soils)):
@@ -175,16 +175,14 @@ class Structure:
         self.elastic: CsrMatrix = sparse.csr_array(total)
         self._factor_elastic()
 
-    def _read_contacts(
-        self, given: Contacts | Assembly | CheckedContacts | None
-    ) -> None:
+    def _read_contacts(self, given: Contacts | Assembly | ContactSet | None) -> None:
         """B, gap and law in the components in which friction is isotropic."""
         if given is None:
             given = Contacts(sparse.csr_array((0, self.n)), np.zeros((0, 2)), 0.0)
-        if not isinstance(given, CheckedContacts):
+        if not isinstance(given, ContactSet):
             if not all(hasattr(given, name) for name in ("B", "gap", "mu")):
                 raise make_type_error("contacts", given, "Contacts or a fem.Assembly")
-            given = CheckedContacts.check(
+            given = ContactSet.check(
                 csr("B", given.B),
                 gap=given.gap,
                 mu=given.mu,
@@ -389,7 +387,7 @@ class Structure:
             given = given[None]
         if steps not in (1, len(given)):
             raise ValueError(f"gap has {len(given)} steps, expected {steps}")
-        return [gap_by_component(one, *self.shape) for one in given]
+        return [gap_by_component(gaps, *self.shape) for gaps in given]
 
     def check_state(
         self, what: str, state: StructureState, *, admissible: bool = False

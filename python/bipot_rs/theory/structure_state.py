@@ -154,7 +154,7 @@ class StructureStep(StructureState):
 
         For associated flow the least value is zero, to rounding.
         """
-        return all(bool((one >= -1e-9).all()) for one in self.ellipticity)
+        return all(bool((smallest >= -1e-9).all()) for smallest in self.ellipticity)
 
     @property
     def unique(self) -> bool:
@@ -167,7 +167,7 @@ class StructureStep(StructureState):
     @property
     def stability(self) -> str:
         """What the material may do after this step, in words."""
-        lost = sum(int((one < -1e-9).sum()) for one in self.ellipticity)
+        lost = sum(int((smallest < -1e-9).sum()) for smallest in self.ellipticity)
         if not lost:
             return "elliptic: strains do not gather in bands"
         softens = self.second_order_work < 0

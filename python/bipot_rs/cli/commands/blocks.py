@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import place
 from bipot_rs.cli import arguments as shared
@@ -17,7 +17,7 @@ from bipot_rs.cli.progress import complain, line, tell
 from bipot_rs.cli.text_table import format_table
 
 if TYPE_CHECKING:
-    from bipot_rs._lib.types import Floats
+    from bipot_rs._lib.types import Floats, OpenRecord
     from bipot_rs.blocks.problem import BlockProblem
 
 SUMMARY = "Decide whether rigid blocks stand, with a proof."
@@ -82,25 +82,25 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_json(parser)
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
+def run(arguments: argparse.Namespace, _: Interrupts) -> int:
     """Print the verdict and its proof; returns the exit status."""
     from bipot_rs.blocks.problem import assemble
     from bipot_rs.blocks.readers import read
 
-    if found.out is not None:
-        check_format(found.out)
-    file = read(found.file, density=found.density)
+    if arguments.out is not None:
+        check_format(arguments.out)
+    file = read(arguments.file, density=arguments.density)
     problem = assemble(
         file.blocks,
-        found.mu,
-        supports=[file.keys.get(name, name) for name in found.support],
-        gravity=found.gravity,
-        interfaces=file.interfaces if found.tolerance is None else None,
-        tolerance=1e-4 if found.tolerance is None else found.tolerance,
+        arguments.mu,
+        supports=[file.keys.get(name, name) for name in arguments.support],
+        gravity=arguments.gravity,
+        interfaces=file.interfaces if arguments.tolerance is None else None,
+        tolerance=1e-4 if arguments.tolerance is None else arguments.tolerance,
     )
-    live = None if found.push is None else problem.body_force(found.push)
+    live = None if arguments.push is None else problem.body_force(arguments.push)
     equilibrium = problem.equilibrium()
-    report: dict[str, Any] = {
+    report: OpenRecord = {
         "blocks": len(problem.blocks),
         "interfaces": len(problem.interfaces),
         "contacts": len(problem.points),
@@ -117,19 +117,19 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
         rows = problem.moves(equilibrium.motion).tolist()
         report["motion"] = dict(zip(problem.names, rows, strict=True))
     if live is not None and stands:
-        texts.append(_find_limit(problem, found.push, live, report))
-    if found.ranges and stands:
+        texts.append(_find_limit(problem, arguments.push, live, report))
+    if arguments.ranges and stands:
         texts.append(_find_ranges(problem, report))
-    if found.out is not None:
+    if arguments.out is not None:
         _draw(
             problem,
             equilibrium.reaction if stands else None,
             equilibrium.motion,
-            found.out,
+            arguments.out,
         )
-        report["out"] = str(found.out)
-        texts.append(str(found.out))
-    if found.json:
+        report["out"] = str(arguments.out)
+        texts.append(str(arguments.out))
+    if arguments.json:
         line(**report)
     else:
         tell("\n".join(texts), sys.stdout)
@@ -141,7 +141,7 @@ def _find_limit(
     problem: BlockProblem,
     push: tuple[float, ...],
     live: Floats,
-    report: dict[str, Any],
+    report: OpenRecord,
 ) -> str:
     limit = problem.limit_multiplier(problem.rigid[1], live)
     report["largest_push"] = _bound_of_json(limit.upper)
@@ -159,7 +159,7 @@ def _bound_of_json(bound: float) -> float | None:
     return bound if math.isfinite(bound) else None
 
 
-def _find_ranges(problem: BlockProblem, report: dict[str, Any]) -> str:
+def _find_ranges(problem: BlockProblem, report: OpenRecord) -> str:
     rows, report["ranges"] = [], []
     for k, interface in enumerate(problem.interfaces):
         names = [problem.names[interface.first], problem.names[interface.second]]

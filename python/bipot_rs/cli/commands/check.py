@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.exit_codes import NO_ANSWER, SOLVED
@@ -12,6 +12,7 @@ from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, print_summary
 
 if TYPE_CHECKING:
+    from bipot_rs._lib.types import OpenRecord
     from bipot_rs.scene.case import Case
 
 SUMMARY = (
@@ -27,22 +28,22 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_json(parser)
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
+def run(arguments: argparse.Namespace, _: Interrupts) -> int:
     """Print the summary; a body that floats, or that contact cannot hold, has no answer."""
-    summary = check(found.scene, found.settings) | {"scene": found.scene}
+    summary = check(arguments.scene, arguments.settings) | {"scene": arguments.scene}
     floating = summary.pop("floating")
     summary["ok"] = floating is None
     if floating is not None:
         summary["message"] = floating
-    print_summary(summary, as_json=found.json)
+    print_summary(summary, as_json=arguments.json)
     if floating is None:
         return SOLVED
-    if not found.json:
+    if not arguments.json:
         complain(floating)
     return NO_ANSWER
 
 
-def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
+def check(name: str, settings: Sequence[str]) -> OpenRecord:
     """Read, mesh and assemble a scene, and find the cost of condensing it.
 
     Returns ``title``, sizes (``dofs``, ``prescribed``, ``contacts``, ``steps``, ``bodies``),

@@ -49,44 +49,44 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_json(parser)
 
 
-def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Solve the files, each reported as it ends; returns the worst exit status of all."""
-    _check(found)
+    _check(arguments)
     rows: list[Record] = []
-    width = max(len(printable(name)) for name in found.files)
+    width = max(len(printable(name)) for name in arguments.files)
     try:
-        for name in found.files:
-            row = _solve(name, found)
+        for name in arguments.files:
+            row = _solve(name, arguments)
             if interrupts.came is not None:
                 # HDF5 has swallowed the exception of the signal.
                 raise KeyboardInterrupt
             rows.append(row)
-            if found.json:
+            if arguments.json:
                 line(**row)
             else:
-                tell(_line(row, width, found.tol), sys.stdout)
+                tell(_line(row, width, arguments.tol), sys.stdout)
             # With --json the row has the message.
             solved = _STATUS[row["outcome"]] == SOLVED
-            if row["outcome"] == UNREADABLE or not (found.json or solved):
+            if row["outcome"] == UNREADABLE or not (arguments.json or solved):
                 complain(_sentence(row))
     finally:
-        if rows and not found.json:
+        if rows and not arguments.json:
             tell(_summary(rows), sys.stdout)
     return worst(_STATUS[row["outcome"]] for row in rows)
 
 
-def _check(found: argparse.Namespace) -> None:
+def _check(arguments: argparse.Namespace) -> None:
     """Let the core refuse wrong settings before any file is read: one open contact."""
     from bipot_rs.contact.reduced import ReducedProblem
     from bipot_rs.fclib import require
 
     require()  # else the seconds of the first file would include imports
     ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0).solve(
-        found.method, found.tol, max_seconds=found.max_seconds
+        arguments.method, arguments.tol, max_seconds=arguments.max_seconds
     )
 
 
-def _solve(name: str, found: argparse.Namespace) -> Record:
+def _solve(name: str, arguments: argparse.Namespace) -> Record:
     """The row of a file."""
     from bipot_rs import fclib
     from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
@@ -104,7 +104,9 @@ def _solve(name: str, found: argparse.Namespace) -> Record:
             form, (contacts, dim) = "local", problem.q.shape
         row |= {"contacts": contacts, "dim": dim}
         asymmetry = _finite(problem.asymmetry)
-        answer = problem.solve(found.method, found.tol, max_seconds=found.max_seconds)
+        answer = problem.solve(
+            arguments.method, arguments.tol, max_seconds=arguments.max_seconds
+        )
         row |= {
             "outcome": str(answer.outcome),
             "residual": _finite(answer.residual),

@@ -25,9 +25,9 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_json(parser)
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
+def run(arguments: argparse.Namespace, _: Interrupts) -> int:
     """Print the summary."""
-    print_summary(summarise(found.file), as_json=found.json)
+    print_summary(summarise(arguments.file), as_json=arguments.json)
     return SOLVED
 
 

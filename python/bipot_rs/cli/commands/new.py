@@ -56,16 +56,18 @@ def add_arguments(parser: shared.Parser) -> None:
     )
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
+def run(arguments: argparse.Namespace, _: Interrupts) -> int:
     """Write the files and print the next commands."""
-    if found.deck is None:
-        path, *others = write(found.name or "scene", found.template)
+    if arguments.deck is None:
+        path, *others = write(arguments.name or "scene", arguments.template)
     else:
-        path, *others = write_deck(found.name or found.deck.stem, found.deck)
+        path, *others = write_deck(
+            arguments.name or arguments.deck.stem, arguments.deck
+        )
     written = " and ".join(map(str, [path, *others]))
     lines = path.read_text(encoding="utf-8").splitlines()
     if left := sum(line.startswith("# line ") for line in lines):
-        remark = f"{count_noun(left, 'remark')} on lines of {found.deck}"
+        remark = f"{count_noun(left, 'remark')} on lines of {arguments.deck}"
         tell(f"{remark}: see the head of {path}", sys.stdout)
     tell(f"{written}: bipot check {path}, bipot run {path}", sys.stdout)
     return SOLVED

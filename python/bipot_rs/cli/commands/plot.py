@@ -107,7 +107,7 @@ _OPTIONS = {
 }
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
+def run(asked: argparse.Namespace, _: Interrupts) -> int:
     """Draw the picture and print the name of its file."""
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.files.drafts import writing
@@ -117,21 +117,21 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     from bipot_rs.plots.run_figure import write_figure
     from bipot_rs.plots.style import figure_of
 
-    kind, step, scene, settings = found.kind, found.step, found.scene, found.settings
+    kind, step, scene, settings = asked.kind, asked.step, asked.scene, asked.settings
     if kind not in KINDS:
         raise ValueError(
             f"--kind is {kind!r}, expected one of {', '.join(KINDS)}{meant(kind, KINDS)}"
         )
-    if found.along not in (None, "x", "y", "z", "arc"):
-        raise ValueError(f"--along is {found.along!r}, expected x, y, z or arc")
+    if asked.along not in (None, "x", "y", "z", "arc"):
+        raise ValueError(f"--along is {asked.along!r}, expected x, y, z or arc")
     with_bodies = [name for name, picture in KINDS.items() if picture.bodies]
-    with_mesh = kind in with_bodies or found.over is not None
+    with_mesh = kind in with_bodies or asked.over is not None
     if not with_mesh and (scene is not None or settings):
         raise ValueError(
             f"--scene and --set are only for --over and --kind {', '.join(with_bodies)}: "
             "other pictures need no mesh"
         )
-    path = Path(found.result)
+    path = Path(asked.result)
     if path.is_dir():
         path = path / RESULT
     if not path.exists():
@@ -144,18 +144,18 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     if step is not None and not 1 <= step <= len(steps):
         raise ValueError(f"--step is {step}, expected one from 1 to {len(steps)}")
     result = load(path)
-    if found.contact is not None and "surface" not in result.contacts:
+    if asked.contact is not None and "surface" not in result.contacts:
         raise ValueError(
-            f"--contact is {found.contact!r}, but {path} has no names of surfaces: an earlier "
+            f"--contact is {asked.contact!r}, but {path} has no names of surfaces: an earlier "
             "version wrote it, or its problem was given as arrays"
         )
     title = str(attributes.get("title", ""))
     result.units = json.loads(attributes.get("units") or "{}") or result.units
-    target = found.out or path.with_name(f"{kind}.png")
+    target = asked.out or path.with_name(f"{kind}.png")
     case = _case(path, attributes, scene, settings) if with_mesh else None
     options: dict[str, Any] = {}
     for name, option in _OPTIONS.items():
-        value = getattr(found, option.removeprefix("--"))
+        value = getattr(asked, option.removeprefix("--"))
         if value is not None:
             if not KINDS[kind].takes(name):
                 raise ValueError(f"{option} cannot be used with --kind {kind}")
@@ -169,9 +169,9 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
             animate(result, target, kind, model=case, **options)
         else:
             check_format(target)
-            if kind == "tractions" and found.along is None:
+            if kind == "tractions" and asked.along is None:
                 write_figure(target, result, title=title, **options)
-            elif found.backend == "pyvista":
+            elif asked.backend == "pyvista":
                 plotter: Any = plot(result, kind, model=case, **options)
                 plotter.screenshot(str(target))
             else:

@@ -34,14 +34,14 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_out(parser, "File to write. Default: SWEEP/Y_over_X.png.")
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
+def run(arguments: argparse.Namespace, _: Interrupts) -> int:
     """Draw the picture and print the name of its file."""
     from bipot_rs.cli.study.picture import draw
 
-    path = Path(found.result)
+    path = Path(arguments.result)
     if not is_sweep(path):
         raise ValueError(f"--x and --y need the folder of a sweep, but {path} is not")
-    target, remark = draw(path, found.x, found.y, found.out)
+    target, remark = draw(path, arguments.x, arguments.y, arguments.out)
     complain(remark)
     tell(str(target), sys.stdout)
     return SOLVED

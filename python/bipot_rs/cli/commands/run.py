@@ -64,10 +64,10 @@ def read_tol(text: str) -> float | str:
         raise argparse.ArgumentTypeError(f"{error}, nor {ENOUGH}") from None
 
 
-def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
     from bipot_rs.cli.run.job import Job, RunOptions
 
-    folder = found.out or Path("out") / Path(found.scene).stem
-    request = shared.read_options(RunOptions, found, folder=folder)
-    return Job(request, as_json=found.json, interrupts=interrupts).runner.run()
+    folder = arguments.out or Path("out") / Path(arguments.scene).stem
+    request = shared.read_options(RunOptions, arguments, folder=folder)
+    return Job(request, as_json=arguments.json, interrupts=interrupts).runner.run()

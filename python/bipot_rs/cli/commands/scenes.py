@@ -23,17 +23,17 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.complete_by(name, shared.complete_scenes)
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
+def run(arguments: argparse.Namespace, _: Interrupts) -> int:
     """Print the names or the scene; a `SceneError` if there is no such scene."""
     from bipot_rs.scene.library import shipped, text
 
     names = shipped()
-    if found.name is None and sys.stdout.isatty():
+    if arguments.name is None and sys.stdout.isatty():
         titles = [tomllib.loads(text(name)).get("title", "") for name in names]
         wide = max(map(len, names))
         names = [f"{n:{wide}}  {t}" for n, t in zip(names, titles, strict=True)]
-    if found.name is None:
+    if arguments.name is None:
         tell("\n".join(names), sys.stdout)
     else:
-        tell(text(found.name).rstrip(), sys.stdout)
+        tell(text(arguments.name).rstrip(), sys.stdout)
     return SOLVED

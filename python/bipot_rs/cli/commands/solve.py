@@ -75,11 +75,11 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_json(parser)
 
 
-def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
     from bipot_rs.cli.solve.job import MatrixOptions, SolveMatrix
 
-    folder = found.out or Path("out") / found.stiffness.stem
-    request = shared.read_options(MatrixOptions, found, folder=folder)
-    job = SolveMatrix(request, as_json=found.json, interrupts=interrupts)
+    folder = arguments.out or Path("out") / arguments.stiffness.stem
+    request = shared.read_options(MatrixOptions, arguments, folder=folder)
+    job = SolveMatrix(request, as_json=arguments.json, interrupts=interrupts)
     return job.runner.run()

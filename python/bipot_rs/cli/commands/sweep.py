@@ -67,17 +67,17 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_json(parser)
 
 
-def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
     from bipot_rs.cli.study.plan import part
     from bipot_rs.cli.study.solving import StudyOptions, solve_rows
 
     request = shared.read_options(
         StudyOptions,
-        found,
-        folder=found.out or Path("out") / f"{Path(found.scene).stem}-sweep",
-        part=None if found.part is None else part(found.part),
-        as_json=found.json,
+        arguments,
+        folder=arguments.out or Path("out") / f"{Path(arguments.scene).stem}-sweep",
+        part=None if arguments.part is None else part(arguments.part),
+        as_json=arguments.json,
     )
     try:
         return solve_rows(request)

@@ -28,8 +28,8 @@ def add_arguments(parser: shared.Parser) -> None:
     shared.add_json(parser)
 
 
-def run(found: argparse.Namespace, _: Interrupts) -> int:
+def run(arguments: argparse.Namespace, _: Interrupts) -> int:
     """Carry out the command; returns the worst exit status of the rows."""
     from bipot_rs.cli.study.join import join_into
 
-    return join_into(found.folders, found.out, as_json=found.json)
+    return join_into(arguments.folders, arguments.out, as_json=arguments.json)

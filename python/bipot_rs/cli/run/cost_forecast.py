@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from bipot_rs.fem.bodies.elasticity import find_neighbours
 from bipot_rs.scene.schema.root import Scene
 
 if TYPE_CHECKING:
-    from bipot_rs._lib.types import Record
+    from bipot_rs._lib.types import OpenRecord, Record
     from bipot_rs.scene.case import Case
 
 # Nodes of a cell of first and of second order, and number of cells that a cell of the
@@ -41,7 +41,7 @@ class _Counted(Exception):
     """Ends the condensation when its cost is known."""
 
 
-def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
+def counts(case: Case) -> tuple[OpenRecord, list[str]]:
     """The cost of condensing, if it gets that far, and messages on floating bodies.
 
     The geometry is checked first: the core may find a rigid motion only after its forecast.
@@ -49,7 +49,7 @@ def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
     from bipot_rs.contact.errors import FloatingBodyError
     from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 
-    forecast: dict[str, Any] = {}
+    forecast: OpenRecord = {}
     floating = list(describe_free_bodies(case.model, rough=True))
 
     def stop(counts: Record) -> None:

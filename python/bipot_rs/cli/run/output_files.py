@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 from bipot_rs.cli.run.output_folder import RESULT
 
 if TYPE_CHECKING:
-    from bipot_rs._lib.types import AnyArray, Floats
+    from bipot_rs._lib.types import AnyArray, Floats, OpenRecord
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.solution import Step
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bipot_rs.scene.schema.root import Scene
 
 # The row of a load step, and the step.
-Reached = tuple[dict[str, Any], "Step"]
+Reached: TypeAlias = "tuple[OpenRecord, Step]"
 
 
 def contacts(case: Case) -> dict[str, AnyArray]:
@@ -282,16 +282,16 @@ class Output:
         return self.errors[k] if k < len(self.errors) else None
 
 
-def _of_step(found: DiscretisationError | None) -> dict[str, object]:
+def _of_step(estimate: DiscretisationError | None) -> dict[str, object]:
     """The discretisation error of a step, for the result file."""
-    if found is None:
+    if estimate is None:
         return {}
     return {
-        "error_cells": found.cells,
-        "error_contacts": found.contacts,
-        "error_total": found.total,
-        "error_relative": found.relative,
-        "error_kind": found.kind,
+        "error_cells": estimate.cells,
+        "error_contacts": estimate.contacts,
+        "error_total": estimate.total,
+        "error_relative": estimate.relative,
+        "error_kind": estimate.kind,
     }
 
 

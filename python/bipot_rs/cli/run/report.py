@@ -103,15 +103,17 @@ def format_steps(
             kinds.setdefault(name, []).append(kind)
     # Names with the same columns, such as all flat surfaces.
     alike: dict[tuple[str, ...], list[str]] = {}
-    for name, found in kinds.items():
-        alike.setdefault(tuple(found), []).append(name)
-    bolts = [name for name, found in kinds.items() if found[0] in BOLTS]
+    for name, pair in kinds.items():
+        alike.setdefault(tuple(pair), []).append(name)
+    bolts = [name for name, pair in kinds.items() if pair[0] in BOLTS]
     below = [
-        own
-        for own in alike
-        if len(bolts if own[0] in BOLTS else kinds.keys() - bolts) > _MOST_NAMES
+        keys
+        for keys in alike
+        if len(bolts if keys[0] in BOLTS else kinds.keys() - bolts) > _MOST_NAMES
     ]
-    last = {f"{kind} of {name}" for own in below for kind in own for name in alike[own]}
+    last = {
+        f"{kind} of {name}" for keys in below for kind in keys for name in alike[keys]
+    }
     names = [c for c in every if c not in last and not c.startswith(_IN_FILES)]
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # For people, steps count from 1; in files and --json from 0.
@@ -135,12 +137,12 @@ def format_steps(
     text = format_table(_heads(names, shown, unit), _cells(names, shown), title=title)
     if len(shown) < len(rows):
         text += f"\nall {len(rows)} load steps are in steps.csv"
-    for own in below:
-        curved = COMPONENTS[0] in own
-        heads = ["at the end", *(_head(kind, unit, curved=curved) for kind in own)]
+    for keys in below:
+        curved = COMPONENTS[0] in keys
+        heads = ["at the end", *(_head(kind, unit, curved=curved) for kind in keys)]
         cells = [
-            [name, *(_cell(rows[-1], f"{kind} of {name}") for kind in own)]
-            for name in alike[own]
+            [name, *(_cell(rows[-1], f"{kind} of {name}") for kind in keys)]
+            for name in alike[keys]
         ]
         text += format_table(heads, cells)
     return text
@@ -190,12 +192,12 @@ def _head(kind: str, unit: str, *, curved: bool) -> str:
     return heads.get(kind, kind)
 
 
-def _cell(one: Record, column: str) -> str:
-    value = one.get(column)
+def _cell(row: Record, column: str) -> str:
+    value = row.get(column)
     if value is None:
         return "-"
     kind, _, surface = column.partition(" of ")
-    normal = one.get(f"{FORCES[0]} of {surface}")
+    normal = row.get(f"{FORCES[0]} of {surface}")
     summed = kind in (FORCES[1], *COMPONENTS)
     if summed and normal is not None and abs(value) < _ROUNDING * abs(normal):
         value = 0.0

@@ -97,16 +97,16 @@ def left_off(path: Path, expected: Mapping[str, object], count: int | None) -> s
 
 
 def same_contacts(
-    path: Path, found: Result, contacts: Mapping[str, AnyArray | None]
+    path: Path, earlier: Result, contacts: Mapping[str, AnyArray | None]
 ) -> None:
     """Refuse a file whose contacts are not bitwise equal to those of this run.
 
     A file without load steps may have no contacts and is accepted.
     """
-    if not len(found):
+    if not len(earlier):
         return
     for name, array in contacts.items():
-        stored = found.contacts.get(name)
+        stored = earlier.contacts.get(name)
         same = array is stored or (
             array is not None and stored is not None and np.array_equal(array, stored)
         )

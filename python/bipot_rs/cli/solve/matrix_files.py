@@ -29,13 +29,12 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.messages import count_noun, printable
 from bipot_rs._lib.text_files import real, strip_mark, whole, without
-from bipot_rs._lib.types import Bools, Floats, Ints, SparseMatrix
+from bipot_rs._lib.types import Bools, Floats, Ints, OpenRecord, SparseMatrix
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact.law.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
@@ -174,11 +173,11 @@ class _Nodes:
 class _Dofs:
     """The numbers of the degrees of freedom, by node and component from 1 if known."""
 
-    def __init__(self, count: int, known: dict[tuple[int, int], int], why: str) -> None:
+    def __init__(self, count: int, place: dict[tuple[int, int], int], why: str) -> None:
         self.count = count
-        self.known = known
+        self.known = place
         self.why = why
-        self.nodes = {node for node, _ in known}
+        self.nodes = {node for node, _ in place}
 
     def number(self, dof: int, table: CsvTable, line: int) -> int:
         if not 0 <= dof < self.count:
@@ -418,7 +417,7 @@ def _once(path: Path, index: Ints) -> None:
 
 def _contacts(
     table: CsvTable, dim: int, dofs: _Dofs, listed: _Nodes | None
-) -> dict[str, Any]:
+) -> OpenRecord:
     """The fields of `MatrixProblem` that a table of contacts gives."""
     axes = _AXES[:dim]
     by_dof = any(name.startswith("dof") for name in table.names)

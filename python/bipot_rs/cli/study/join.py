@@ -36,11 +36,11 @@ def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
     parts = _parts(given)
     record = _same_study(parts)
     asked = list_rows(record.settings, record.ranges)
-    owner = {number: path for path, one in parts.items() for number in one.rows}
+    owner = {number: path for path, part in parts.items() for number in part.rows}
     finished = {
         number: row
-        for path, one in parts.items()
-        for number, row in _rows_of(path, one, asked).items()
+        for path, part in parts.items()
+        for number, row in _rows_of(path, part, asked).items()
     }
     rows = {
         number: finished.get(number) or _missing(settings, owner.get(number))
@@ -170,7 +170,7 @@ def _copy_result(source: Path, target: Path) -> None:
 
 def _list_missing(rows: dict[int, dict[str, str]], parts: Sequence[StudyRecord]) -> str:
     """A sentence about rows that no part has solved."""
-    given = {str(one.part) for one in parts}
+    given = {str(joined.part) for joined in parts}
     count = part(str(parts[0].part)).count
     every = [str(StudyPart(number + 1, count)) for number in range(count)]
     names = ", ".join(name for name in every if name not in given)

@@ -217,8 +217,8 @@ class Study:
         return list(self.rows[0])
 
 
-def _digest(known: object) -> str:
-    text = json.dumps(known, sort_keys=True)
+def _digest(value: object) -> str:
+    text = json.dumps(value, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.results.solution import Step, revise
 
 # Rounding of coordinates in mesh files, relative to the extent of the contacts.
@@ -52,7 +52,7 @@ class Bond:
     points: Floats | None = None  # (n_c, d) or None: places of the contacts
 
     @classmethod
-    def begin(cls, contacts: Contacts, at: Step | None) -> Bond:
+    def begin(cls, contacts: ContactSet, at: Step | None) -> Bond:
         """The bond after a step, or at the start of a path of unloaded bodies."""
         law, x = contacts.law, contacts.x
         extent = 0.0 if x is None or not len(x) else float(np.ptp(x, axis=0).max())

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import make_type_error
+from bipot_rs._lib.types import Record
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.errors import with_message
 from bipot_rs.contact.path.direct import DirectPath
@@ -15,7 +16,7 @@ from bipot_rs.contact.path.load_steps import Loading, Totals
 from bipot_rs.contact.path.moving_gaps import list_components
 from bipot_rs.contact.results.result import Result
 
-Case = Mapping[str, Any]
+Case = Record
 T = TypeVar("T")
 _KEYS = ("load", "prescribed", "gap", "mu", "start")
 

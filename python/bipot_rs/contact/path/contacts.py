@@ -1,4 +1,4 @@
-"""`Contacts`: where bodies may touch, and the friction and gaps there."""
+"""`ContactSet`: where bodies may touch, and the friction and gaps there."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from bipot_rs.contact.law.contact_law import ContactLaw
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
+class ContactSet:
     """The contacts of a problem, checked."""
 
     operator: Csr  # (d n_c, n): B
@@ -51,7 +51,7 @@ class Contacts:
         area: ArrayLike | None = None,
         points: ArrayLike | None = None,
         frame: ArrayLike | None = None,
-    ) -> Contacts:
+    ) -> ContactSet:
         """Check the arguments of a `ContactProblem` that are about its contacts.
 
         Raises `TypeError` or `ValueError`: an argument is wrong; the message names it.

@@ -17,7 +17,7 @@ from bipot_rs._lib.validation import Settings
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.frames import find_rotation
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.moving_gaps import rotate
 from bipot_rs.contact.results.core_answer import make_step
@@ -78,7 +78,9 @@ class Direct:
             self.core.make_inverse()
         return DirectPath(self, path)
 
-    def recovery(self, seconds: dict[str, float], contacts: Contacts) -> DirectRecovery:
+    def recovery(
+        self, seconds: dict[str, float], contacts: ContactSet
+    ) -> DirectRecovery:
         """What computes the displacements of steps."""
         return DirectRecovery(self.core, seconds, contacts)
 
@@ -204,7 +206,7 @@ class DirectRecovery:
 
     core: _core.Condensed
     seconds: dict[str, float] = field(compare=False)
-    contacts: Contacts = field(compare=False)
+    contacts: ContactSet = field(compare=False)
 
     def has_factor(self) -> bool:
         """Whether the problem keeps the factor that this takes."""

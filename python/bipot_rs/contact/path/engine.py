@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.results.solution import Inquiry, Recovery, Step
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class StepData:
     # Relative displacement after the step before; None for the unloaded bodies.
     before: Floats | None
     settings: Settings
-    contacts: Contacts  # the contacts, with the friction of the path
+    contacts: ContactSet  # the contacts, with the friction of the path
     restored: RestoredDigits | None = None  # relative error of K, if it is not rounding
     # Frames and gaps of the step, if these are not those of the engine.
     frames: StepFrames | None = None
@@ -106,7 +106,7 @@ class Engine(Protocol):
     def path(self, at: Step | None, /) -> EnginePath:
         """A load path that starts from a step, or from the unloaded bodies."""
 
-    def recovery(self, seconds: dict[str, float], contacts: Contacts, /) -> Recovery:
+    def recovery(self, seconds: dict[str, float], contacts: ContactSet, /) -> Recovery:
         """What computes the displacements of steps, and adds the time to ``seconds``."""
 
     def inquiry(self, data: StepData, /) -> Inquiry[Step]:

@@ -18,7 +18,7 @@ from bipot_rs.contact.errors import NotIterativeError
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
 from bipot_rs.contact.path.mesh_stiffness import MeshStiffness, whole_parts
 from bipot_rs.contact.path.springs import (
@@ -136,7 +136,7 @@ class Iterative:
         return turned
 
     def recovery(
-        self, seconds: dict[str, float], contacts: Contacts
+        self, seconds: dict[str, float], contacts: ContactSet
     ) -> IterativeRecovery:
         """What computes the displacements of steps."""
         return IterativeRecovery(self, seconds, contacts)
@@ -155,7 +155,7 @@ class Iterative:
 
 def make_iterative(
     given: Parts | MeshStiffness,
-    contacts: Contacts,
+    contacts: ContactSet,
     fixed: Ints,
     coordinates: Floats | None,
     num_threads: int | None,
@@ -313,7 +313,7 @@ class IterativeRecovery:
 
     engine: Iterative
     seconds: dict[str, float]
-    contacts: Contacts
+    contacts: ContactSet
 
     def has_factor(self) -> bool:
         """Displacements are always available."""

@@ -23,7 +23,7 @@ from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as motion
 from bipot_rs.contact.messages.remarks import ProblemRemarks
 from bipot_rs.contact.path.bond import Bond
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import (
     REPLACED,
     Engine,
@@ -105,7 +105,7 @@ NO_FRAME = (
 class PathProblem:
     """What the load paths of a problem share."""
 
-    contacts: Contacts  # the contacts, with the friction of the path
+    contacts: ContactSet  # the contacts, with the friction of the path
     # Warnings about the problem, to which those about a path are added.
     remarks: ProblemRemarks
     seconds: float  # time of the condensation
@@ -273,8 +273,8 @@ class PathSolver:
     def _set_free(self, free: Bools) -> None:
         """Take the engine of a set of free latches."""
         make = self._problem.engine_of
-        known = self._free
-        if make is None or (known is not None and np.array_equal(free, known)):
+        before = self._free
+        if make is None or (before is not None and np.array_equal(free, before)):
             return
         engine, self._free = make(free), free
         self._whole = engine.replacement(CONTINUED) if self._replaced else engine
@@ -529,12 +529,12 @@ class HeldRecovery:
 
     def recover(self, steps: Sequence[Step], /) -> Floats:
         """As `Recovery`."""
-        own = [
+        unknowns = [
             revise(step, prescribed=step.recovery.prescribed)
             for step in steps
             if isinstance(step.recovery, HeldRecovery)
         ]
-        reduced_steps = self.recovery.recover(own)
+        reduced_steps = self.recovery.recover(unknowns)
         return np.stack([self.held.displacement(y) for y in reduced_steps])
 
 

@@ -14,7 +14,7 @@ from bipot_rs._lib.types import CsrMatrix, Floats, Ints, MatrixLike
 from bipot_rs._lib.validation import floats, rows_of_steps, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
@@ -49,7 +49,7 @@ class Loading:
     # n, fixed: number of degrees of freedom, and of the prescribed ones.
     n: int
     fixed: int
-    contacts: Contacts  # the contacts
+    contacts: ContactSet  # the contacts
     # `loads` of the problem: load and prescribed displacements of each step.
     loads: list[Loads] | None = None
     # (steps, n_c, d), MovingGaps or None: `gaps` of the problem.
@@ -66,7 +66,7 @@ class Loading:
         cls,
         n: int,
         fixed: int,
-        contacts: Contacts,
+        contacts: ContactSet,
         loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
         gaps: ArrayLike | MovingGaps | None = None,
         held: Held | None = None,

@@ -37,7 +37,7 @@ from bipot_rs.contact.errors import (
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.contact.path import choice
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.direct import Direct
 from bipot_rs.contact.path.engine import REPLACED, Engine, RestoredDigits
 from bipot_rs.contact.path.load_steps import Loads
@@ -54,7 +54,7 @@ class _State(TypedDict):
 
     restored: RestoredDigits | None
     options: StiffnessOptions
-    contacts: Contacts
+    contacts: ContactSet
     loads: list[Loads] | None
     choice: tuple[str, str]
     stiffness: Parts
@@ -238,7 +238,7 @@ class PreparedStiffness:
         self,
         stiffness: Csr | MeshStiffness,
         restored: RestoredDigits | None,
-        contacts: Contacts,
+        contacts: ContactSet,
         options: StiffnessOptions,
         loads: list[Loads] | None = None,
         on_forecast: OnForecast | None = None,

@@ -221,7 +221,7 @@ class Springs:
         force = np.zeros(self.rows.shape[1])
         force[self.place] = load
         multiplier = np.zeros(len(self.stiffness))
-        known: list[tuple[Floats, Floats]] = []
+        iterates: list[tuple[Floats, Floats]] = []
         status, draft = None, copies > 0
         if displacement is not None:
             moved = self.rows @ self.spread(displacement)
@@ -241,10 +241,10 @@ class Springs:
             # Between the same statuses the change is affine in the multipliers: the secants
             # of the solutions before tell what is left of it, and where it vanishes.
             if status is None or (solved.status != status).any():
-                known.clear()
+                iterates.clear()
             status = solved.status
-            known.append((multiplier, change))
-            M, F = (np.diff(np.column_stack(v)) for v in zip(*known, strict=True))
+            iterates.append((multiplier, change))
+            M, F = (np.diff(np.column_stack(v)) for v in zip(*iterates, strict=True))
             shares = np.linalg.lstsq(F, change, rcond=tuning.LEAST_SECANT)[0]
             ahead = change - (M + F) @ shares
             left = max(float(np.linalg.norm(v[copied])) for v in (change, ahead))
@@ -254,7 +254,7 @@ class Springs:
             if copies:
                 # Without secants a change tells what is left only if it is small.
                 limit = max(tol, solved.tolerance)
-                settled &= left <= (limit if len(known) > 1 else 0.1 * limit)
+                settled &= left <= (limit if len(iterates) > 1 else 0.1 * limit)
             if settled and not draft:
                 return self._complete(solved, change[copied], left), reason
             draft &= not settled
@@ -388,8 +388,10 @@ def _choose_side(
             float(np.abs(N - weights[node] * np.eye(d)).max())
             for node, N in zip(nodes, shares, strict=True)
         )
-        own = sum(weight**2 * soft[node].sum() for node, weight in weights.items())
-        if off <= tuning.MOST_OBLIQUE * _ROUNDING and own > most:
+        compliance = sum(
+            weight**2 * soft[node].sum() for node, weight in weights.items()
+        )
+        if off <= tuning.MOST_OBLIQUE * _ROUNDING and compliance > most:
             moved = [
                 np.linalg.solve(S, b) ** 2 @ soft[node] for node, b in blocks.items()
             ]
@@ -398,5 +400,5 @@ def _choose_side(
             w = np.where(
                 w > _HELD * w.max(), np.maximum(w, _STIFFEST * w.max()), w.max()
             )
-            best, most = (S, weights, w), own
+            best, most = (S, weights, w), compliance
     return best

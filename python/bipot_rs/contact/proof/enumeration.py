@@ -74,11 +74,11 @@ def search_answers(
     return Answers(solutions, complete=False)
 
 
-def _are_same(one: Solution, other: Solution, moved: float) -> bool:
+def _are_same(first: Solution, other: Solution, moved: float) -> bool:
     # Compare v: if W is singular, many reactions have the same v. If all contacts stick,
     # v is the rounding error of the cancelled displacements.
-    apart = np.abs(one.relative_displacement - other.relative_displacement)
-    sizes = (np.abs(s.relative_displacement).max(initial=0.0) for s in (one, other))
+    apart = np.abs(first.relative_displacement - other.relative_displacement)
+    sizes = (np.abs(s.relative_displacement).max(initial=0.0) for s in (first, other))
     return bool(apart.max(initial=0.0) <= _SAME * max(*sizes, moved))
 
 

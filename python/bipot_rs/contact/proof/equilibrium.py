@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.records import short_repr
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints, MatrixLike
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.contact_law import ContactLaw
 
@@ -103,7 +104,9 @@ class LimitMultiplier:
     __repr__ = short_repr
 
 
-def make_statics(R: Any, law: ContactLaw, contacts: int, d: int) -> _core.Statics:
+def make_statics(
+    R: MatrixLike, law: ContactLaw, contacts: int, d: int
+) -> _core.Statics:
     """The contacts of a reduced problem; ``R (d n_c, k)`` is dense or sparse."""
     friction = np.zeros((contacts, d))
     friction[:, 1:] = law.mu if law.mu.ndim == 2 else law.mu[:, None]
@@ -112,7 +115,7 @@ def make_statics(R: Any, law: ContactLaw, contacts: int, d: int) -> _core.Static
 
 
 def statics_of_rows(
-    R: Any, sizes: Any, friction: Floats, cohesion: Floats
+    R: MatrixLike, sizes: ArrayLike, friction: Floats, cohesion: Floats
 ) -> _core.Statics:
     """Contacts with ``sizes`` rows of ``R`` each, and a coefficient of each row."""
     from scipy.sparse import csr_array
@@ -123,7 +126,10 @@ def statics_of_rows(
 
 
 def make_cone_set(
-    G: Any, h: Floats, equations: Any = None, right: Floats | None = None
+    G: MatrixLike,
+    h: Floats,
+    equations: MatrixLike | None = None,
+    right: Floats | None = None,
 ) -> _core.ConeSet:
     """The ``y`` with ``h + G y`` in the cones and, if given, ``equations y = right``.
 
@@ -147,7 +153,7 @@ def make_cone_set(
     )
 
 
-def csr_parts(matrix: Any) -> tuple[Any, Any, Floats]:
+def csr_parts(matrix: CsrMatrix) -> tuple[Ints, Ints, Floats]:
     """Row pointers, columns and values of a matrix in CSR form, for the core."""
     return (
         np.asarray(matrix.indptr, np.int64),
@@ -204,7 +210,9 @@ def name_friction(mu: Floats) -> str:
     return f"with mu = {low}" if low == high else f"with mu = {low} to {high}"
 
 
-def describe_friction(R: Any, load: Floats, law: ContactLaw, d: int) -> str:
+def describe_friction(
+    R: Floats | CsrMatrix, load: Floats, law: ContactLaw, d: int
+) -> str:
     """The friction of a reduced problem whose verdict is "none", and which one could hold.
 
     ``R (d n_c, k)``, ``load (k,)``: its motions, and the loads on them.

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.records import short_repr
-from bipot_rs._lib.types import Bools, CsrMatrix, Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, SparseMatrix
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.proof.equilibrium import make_cone_set, statics_of_rows
 from bipot_rs.contact.proof.existence_by_friction import is_held
@@ -74,10 +74,10 @@ class _Scaled:
     these columns. Matrices are sparse.
     """
 
-    W: Any
+    W: CsrMatrix
     q: Floats
-    R: Any
-    motions: Any
+    R: CsrMatrix
+    motions: CsrMatrix
     e: Floats
     mu: Floats
     kept: Bools
@@ -241,7 +241,7 @@ def _is_semidefinite(W: CsrMatrix) -> bool:
     return bool(values.min(initial=0.0) >= -1e-10 * np.abs(values).max(initial=0.0))
 
 
-def _decide_normal(columns: Any, load: Floats) -> _core.Decision:
+def _decide_normal(columns: SparseMatrix, load: Floats) -> _core.Decision:
     """Whether normal reactions, in rows of ``columns``, balance loads on its columns."""
     count = columns.shape[0]
     half_lines = np.ones(count, int), np.zeros(count), np.zeros(count)

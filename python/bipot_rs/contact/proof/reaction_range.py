@@ -17,7 +17,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.records import short_repr
-from bipot_rs._lib.types import Bools, CsrMatrix, Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.proof.equilibrium import make_cone_set
 from bipot_rs.contact.proof.existence import find_scale, make_dense
@@ -119,7 +119,7 @@ class _Answers:
     found: Floats
     factor: Floats
     base: Floats
-    span: Any
+    span: Floats | CsrMatrix
     law: _core.ConeSet
 
     @classmethod
@@ -166,7 +166,7 @@ class _Answers:
 
     @classmethod
     def of_rigid_bodies(
-        cls, q: Floats, mu: Floats, rigid: tuple[Any, Floats], solution: Solution
+        cls, q: Floats, mu: Floats, rigid: tuple[MatrixLike, Floats], solution: Solution
     ) -> _Answers:
         """Without compliance: all that the law allows and that balances the loads.
 
@@ -257,7 +257,7 @@ def _find_range(columns: Floats) -> Floats:
     return np.asarray(U[:, size > zero])
 
 
-def _find_directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Any:
+def _find_directions(r: Floats, v: Floats, mu: Floats, zero: float) -> CsrMatrix:
     """Orthonormal columns ``(n_c d, m)`` of the reactions that the law allows with ``v``.
 
     ``r`` and ``v`` are relative to the largest force and displacement; a displacement of at
@@ -278,7 +278,8 @@ def _find_directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Any:
             directions = np.concatenate([[1.0], -mu[i] * v[i, 1:] / slip[i]])[None]
             directions /= np.linalg.norm(directions)
         blocks.append(directions.T)
-    return csr_array(block_diag(blocks, format="csr"))
+    directions_of_all: CsrMatrix = csr_array(block_diag(blocks, format="csr"))
+    return directions_of_all
 
 
 def _find_null_space(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, OpenRecord
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.results.solution import Computed, Solution, Step, make
 
@@ -16,7 +16,7 @@ S = TypeVar("S", bound=Step)
 _OUTCOMES = {outcome.value: outcome for outcome in Outcome}
 
 
-def make_solution(core: _core.ReducedSolution, **about: Any) -> Solution:
+def make_solution(core: _core.ReducedSolution, **about: object) -> Solution:
     """A `Solution`; ``about`` are its other fields."""
     fields = _fields(core)
     fields.update(about, computed=Computed())
@@ -56,7 +56,7 @@ def find_opening(outcome: str, mu: Floats) -> Floats:
     return mu if outcome == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
 
 
-def _fields(core: _core.ReducedSolution, **counts: int) -> dict[str, Any]:
+def _fields(core: _core.ReducedSolution, **counts: int) -> OpenRecord:
     """Fields of a `Solution`; ``counts`` are entries of its ``stats``."""
     sequence = None
     if core.minimising_sequence is not None:

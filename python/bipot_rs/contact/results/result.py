@@ -15,7 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.records import copy_sharing, deepcopy_sharing
-from bipot_rs._lib.types import AnyArray, Bools, Floats, Integers, Ints, MatrixLike
+from bipot_rs._lib.types import (
+    AnyArray,
+    Bools,
+    Floats,
+    Integers,
+    Ints,
+    MatrixLike,
+    OpenRecord,
+)
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.slip_check import find_farthest, measure_distances
@@ -131,7 +139,7 @@ class Result(Sequence[Step]):
     def __copy__(self) -> Self:
         return copy_sharing(self)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         return deepcopy_sharing(self, memo, ("derivatives", "_comm"))
 
     @property
@@ -639,7 +647,7 @@ class Result(Sequence[Step]):
         """
         from bipot_rs import plots
 
-        shown: dict[str, Any] = {"steps": steps, **options}
+        shown: OpenRecord = {"steps": steps, **options}
         written: Path = plots.animate(
             self, path, kind, frames_per_second=frames_per_second, dpi=dpi, **shown
         )
@@ -667,17 +675,17 @@ class Result(Sequence[Step]):
         x, instants = self.contacts.get("x"), self.instants()
         of_contacts = {name: self.contacts.get(name) for name in ("area", "mu")}
         of_contacts |= {} if x is None else dict(zip("xyz", x.T, strict=False))
-        known = {
+        units = {
             name: (every[1], a) for name, a in of_contacts.items() if np.ndim(a) == 1
         }
-        known |= {
+        units |= {
             name: (every[0], [instant[name] for instant in instants])
             for name in ("load", "time")
         }
         local = ["n", "t1", "t2"][: self.shape[1]]
         return load_library("xarray", extra="", need="datasets").Dataset(
             {name: pair for name, pair in arrays.items() if pair[1] is not None},
-            {**known, "component": local, "tangent": local[1:]},
+            {**units, "component": local, "tangent": local[1:]},
         )
 
     def table(self, rows: str = "steps") -> Any:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.types import AnyArray
+from bipot_rs._lib.types import AnyArray, OpenRecord, Record
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.step_record import read_step
 from bipot_rs.files import export
@@ -48,7 +47,7 @@ def load_result(path: str | os.PathLike[str]) -> Result:
                 "contacts or displacements"
             )
 
-    def with_prefix(prefix: str) -> dict[str, Any]:
+    def with_prefix(prefix: str) -> OpenRecord:
         return {
             k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
         }
@@ -94,7 +93,7 @@ def _read_units(attributes: Mapping[str, object]) -> dict[str, str]:
 
 
 def _find_shape(
-    contacts: Mapping[str, AnyArray], records: Sequence[Mapping[str, Any]]
+    contacts: Mapping[str, AnyArray], records: Sequence[Record]
 ) -> tuple[int, int]:
     """``(n_c, d)``; zero for sizes that the file does not hold."""
     rows = records[0].get("reaction") if records else contacts.get("x")

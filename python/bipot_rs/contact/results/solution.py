@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.records import copy_sharing, deepcopy_sharing
-from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike
+from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike, OpenRecord
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.results import error_bound, summary
@@ -330,7 +330,7 @@ class Solution:
     def __copy__(self) -> Self:
         return copy_sharing(self)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         return deepcopy_sharing(self, memo, ("inquiry", "recovery"))
 
     @property
@@ -578,7 +578,7 @@ class Step(Solution):
         return super().__getstate__() | {"recovery": None}
 
 
-def make(kind: type[A], fields: dict[str, Any]) -> A:
+def make(kind: type[A], fields: OpenRecord) -> A:
     """A solution with these fields, all that have no plain default among them.
 
     As when unpickled: ``__init__`` of a frozen class takes as long as a small problem.

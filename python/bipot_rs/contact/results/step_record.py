@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import floats, frames
 from bipot_rs.contact.law.status import Outcome, Status
 from bipot_rs.contact.results.solution import Computed, Step
@@ -74,9 +73,7 @@ def _check_working_set(record: Mapping[str, object], contacts: int) -> None:
         raise ValueError("working_motion is wrong, expected finite numbers")
 
 
-def read_step(
-    record: Mapping[str, Any], area: Floats | None, shape: tuple[int, int]
-) -> Step:
+def read_step(record: Record, area: Floats | None, shape: tuple[int, int]) -> Step:
     """The step of a record.
 
     Raises `ValueError`: an entry is missing, or has the wrong shape or values.

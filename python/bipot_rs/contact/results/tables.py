@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs._lib.types import AnyArray, Floats, Ints
+from bipot_rs._lib.types import AnyArray, Floats, Ints, Record
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.resultants import list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
@@ -150,7 +150,7 @@ def list_steps(
     return {name: [row.get(name) for row in rows] for name in names}
 
 
-def list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
+def list_forces(step: Step, contacts: Record) -> dict[str, float | None]:
     """`list_surface_forces` of all surfaces, and `list_bolts`; no forces without frames."""
     frame, mu = contacts.get("frame"), contacts.get("mu")
     named = contacts.get("bolt_names")
@@ -171,7 +171,7 @@ def list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | No
     return {key.removesuffix(" of contacts"): value for key, value in whole.items()}
 
 
-def describe_surfaces(step: Step, contacts: Mapping[str, Any]) -> list[tuple[str, str]]:
+def describe_surfaces(step: Step, contacts: Record) -> list[tuple[str, str]]:
     """A row for each of several contact surfaces, and for each bolt, for a summary."""
     names = contacts.get("surface_names")
     if names is None or len(names) < 2 or contacts.get("frame") is None:
@@ -194,9 +194,7 @@ def describe_surfaces(step: Step, contacts: Mapping[str, Any]) -> list[tuple[str
     return rows
 
 
-def list_contacts(
-    steps: Sequence[Step], contacts: Mapping[str, Any]
-) -> dict[str, AnyArray]:
+def list_contacts(steps: Sequence[Step], contacts: Record) -> dict[str, AnyArray]:
     """Columns of a table with a row for each contact in each load step, step by step."""
     if not steps:
         return {}
@@ -238,7 +236,7 @@ def _list_axes(d: int) -> list[tuple[int, str]]:
     return list(enumerate("xyz"[:d]))
 
 
-def make_frame(found: Mapping[str, Any]) -> Any:
+def make_frame(columns: Record) -> Any:
     """A DataFrame of columns if pandas is installed, else a structured array."""
     try:
         import pandas
@@ -246,11 +244,11 @@ def make_frame(found: Mapping[str, Any]) -> Any:
         # None, which has no number, is NaN as in pandas.
         arrays = {
             name: np.array([np.nan if v is None else v for v in values])
-            for name, values in found.items()
+            for name, values in columns.items()
         }
         kinds = [(name, array.dtype) for name, array in arrays.items()]
         rows = np.empty(len(next(iter(arrays.values()), ())), kinds)
         for name, array in arrays.items():
             rows[name] = array
         return rows
-    return pandas.DataFrame(dict(found))
+    return pandas.DataFrame(dict(columns))

@@ -118,7 +118,7 @@ class BorderProblem:
         dr = self.P @ z + self.p
         return dr.reshape(-1, self.d), (z - self.spring * dr).reshape(-1, self.d)
 
-    def _find_only(self, known: Floats | None) -> Floats | None:
+    def _find_only(self, answer: Floats | None) -> Floats | None:
         """The answer among all combinations of sides; raise if there are several."""
         for sides in itertools.product(*self.sides):
             matrix, right = self._make_matrix(list(sides))
@@ -135,17 +135,17 @@ class BorderProblem:
                 z = np.asarray(np.linalg.solve(matrix, right), np.float64)
             if self._measure_violation(z) > _SATISFIED:
                 continue
-            if singular or (known is not None and self._differ(z, known)):
+            if singular or (answer is not None and self._differ(z, answer)):
                 raise NotDifferentiableError(
                     f"{count_noun(len(self.at), 'contact')} on a border between two statuses: "
                     "several changes of their statuses fit this direction, and the "
                     "reactions are not determined there"
                 )
-            known = z
-        return known
+            answer = z
+        return answer
 
-    def _differ(self, z: Floats, known: Floats) -> bool:
-        ours, other = self._split_unknowns(z), self._split_unknowns(known)
+    def _differ(self, z: Floats, answer: Floats) -> bool:
+        ours, other = self._split_unknowns(z), self._split_unknowns(answer)
         unit = np.sqrt(self.spring.reshape(-1, self.d))
         size = _measure(other[0] * unit, other[1] / unit)
         apart = _measure((ours[0] - other[0]) * unit, (ours[1] - other[1]) / unit)

@@ -166,17 +166,17 @@ class LinearisedStep:
         """The law of each contact on a side of its borders."""
         return linearise_laws(self.point, side, direction, self.movable)
 
-    def system(self, own: Laws) -> System:
+    def system(self, laws: Laws) -> System:
         """The system (33) of these laws."""
         contacts, d = self.point.reaction.shape
-        return make_system(self.response, own, (contacts, d))
+        return make_system(self.response, laws, (contacts, d))
 
 
-def make_right_side(own: Laws, of: StepChange) -> Floats:
+def make_right_side(laws: Laws, of: StepChange) -> Floats:
     """Right side of (33)."""
-    at = own.contacts
-    moved = np.einsum("ijk,ik->ij", own.by_v, of.free[at])
-    rubbed = np.einsum("ijk,ik->ij", own.by_mu, of.friction[at])
+    at = laws.contacts
+    moved = np.einsum("ijk,ik->ij", laws.by_v, of.free[at])
+    rubbed = np.einsum("ijk,ik->ij", laws.by_mu, of.friction[at])
     if of.rest is not None:
-        rubbed = rubbed + np.einsum("ijk,ik->ij", own.by_rest, of.rest[at])
+        rubbed = rubbed + np.einsum("ijk,ik->ij", laws.by_rest, of.rest[at])
     return np.asarray(rubbed - moved, np.float64)

@@ -112,10 +112,10 @@ class LinearPath:
         }
         self.responses = [by_key[key] for key in keys]
         order = max(
-            len(one.members) * self.shape[1] + one.motions
-            if isinstance(one, CondensedResponse)
+            len(made.members) * self.shape[1] + made.motions
+            if isinstance(made, CondensedResponse)
             else 0
-            for one in by_key.values()
+            for made in by_key.values()
         )
         self.kept = 8 * order**2 * (1 + len(steps)) <= tuning.KEPT_BYTES
         self._linear: dict[int, LinearisedStep] = {}
@@ -126,8 +126,8 @@ class LinearPath:
                 steps[first:end], self.list_fixed(first)
             )
         self.borders = [
-            find_borders(point, own.diagonal.mean(axis=1), step.tolerance, moved, done)
-            for point, own, step, moved, done in zip(
+            find_borders(point, laws.diagonal.mean(axis=1), step.tolerance, moved, done)
+            for point, laws, step, moved, done in zip(
                 self.points, self.responses, steps, self._moved, work, strict=True
             )
         ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -163,7 +163,7 @@ def _repeat_rows(what: str, rows: Sequence[Floats], steps: int) -> Floats:
 def _check_matrix(stiffness: MatrixLike | None, n: int) -> CsrMatrix | None:
     if stiffness is None:
         return None
-    sparse: Any = csr("K", stiffness).matrix
+    sparse: CsrMatrix = csr("K", stiffness).matrix
     change: CsrMatrix = sparse
     if change.shape != (n, n):
         raise ValueError(f"K has shape {change.shape}, expected {(n, n)}")

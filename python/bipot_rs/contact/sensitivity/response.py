@@ -185,7 +185,7 @@ class CondensedResponse(PathResponse):
         """Whether W is known of all contacts."""
         return len(self.members) == len(self._place)
 
-    def stiffness(self) -> CsrMatrix:
+    def stiffness(self) -> Any:
         """K, sparse, without the entries between prescribed degrees of freedom."""
         return make_matrix(*self._stiffness())
 
@@ -228,9 +228,9 @@ class CondensedResponse(PathResponse):
     def _take_members(self, reaction: Floats) -> Floats:
         return np.ascontiguousarray(reaction[self.members])
 
-    def _spread_members(self, own: Floats) -> Floats:
+    def _spread_members(self, values: Floats) -> Floats:
         whole = np.zeros_like(self.diagonal)
-        whole[self.members] = own
+        whole[self.members] = values
         return whole
 
 
@@ -309,7 +309,7 @@ class DisplacementResponse(PathResponse):
         self.motions = self._core.order
         self.diagonal = self._core.diagonal
 
-    def stiffness(self) -> CsrMatrix:
+    def stiffness(self) -> Any:
         """K, sparse, with the zeros of the blocks of its nodes."""
         return make_matrix(*self._core.stiffness())
 

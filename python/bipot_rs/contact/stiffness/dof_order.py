@@ -179,11 +179,11 @@ def of_order(
     return fit(parts, components(order, n, d), node, places, sample=sample)
 
 
-def _of_unit_size(places: Floats, known: Bools) -> Floats:
+def _of_unit_size(places: Floats, given: Bools) -> Floats:
     """Coordinates shifted to their centre and scaled to an extent of 1."""
-    if not known.any():
+    if not given.any():
         return places
-    there = places if known.all() else places[known]
+    there = places if given.all() else places[given]
     low, high = there.min(axis=0), there.max(axis=0)
     side = float((high - low).max(initial=0.0))
     return np.asarray((places - (low + high) / 2) / (side or 1.0), np.float64)
@@ -270,7 +270,7 @@ def _unlike_places(
 
 
 def _unlike_contacts(
-    contact: Parts, order: str, n: int, d: int, known: str
+    contact: Parts, order: str, n: int, d: int, base: str
 ) -> str | None:
     """Describe contacts of one node whose columns of B are in the other order."""
     pointers = np.asarray(contact[0], np.int64)[::d]
@@ -291,9 +291,9 @@ def _unlike_contacts(
     wrong, right = whole[~fits & of_one_node(other)], int(fits.sum())
     if len(wrong) <= right:
         return None
-    shown = "the rigid translations of K" if known == "K" else known
+    shown = "the rigid translations of K" if base == "K" else base
     return (
-        f"B does not fit {known}: {shown} are {ORDERS[order]}, but the columns of B at "
+        f"B does not fit {base}: {shown} are {ORDERS[order]}, but the columns of B at "
         f"{count_noun(len(wrong), 'contact')}, first contact {wrong[0]}, are the components of "
         f"one node if the order is {ORDERS[other]}; give K, B and coordinates in one order"
     )

@@ -101,9 +101,9 @@ class CycleSolver:
                 at, depth = halved.last, depth + halved.worn
         except (NoEquilibriumError, NotConvergedError):
             return
-        known = state.depth + cycle.worn
-        deepest = float(np.maximum(known, depth).max())
-        change = float(np.abs(depth - known).max())
+        expected = state.depth + cycle.worn
+        deepest = float(np.maximum(expected, depth).max())
+        change = float(np.abs(depth - expected).max())
         self._state = replace(
             state, step_error=change / deepest if deepest > 0 else 0.0
         )

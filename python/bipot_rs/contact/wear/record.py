@@ -13,7 +13,7 @@ from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import by_contact, integer, logical, number
 from bipot_rs.contact import tuning
-from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.load_path import PathSolver, find_start
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
@@ -266,7 +266,7 @@ class WearRows:
 class WearArguments:
     """The arguments of `ContactProblem.wear`, checked."""
 
-    contacts: Contacts  # the contacts, whose areas are known
+    contacts: ContactSet  # the contacts, whose areas are known
     # area, coefficient (n_c,): tributary areas, wear coefficients [1/stress].
     area: Floats
     coefficient: Floats
@@ -277,7 +277,7 @@ class WearArguments:
 
 
 def check_wear(
-    contacts: Contacts,
+    contacts: ContactSet,
     coefficient: ArrayLike,
     cycles: int,
     jump: bool,

@@ -107,7 +107,7 @@ def assemble(
             refuse_floating,
         )
 
-        cuts = [find_images(numbered, one) for one in repetitions]
+        cuts = [find_images(numbered, repetition) for repetition in repetitions]
         for cut in cuts:
             meetings = merge_images(meetings, contacts, cut, cuts, nodes)
             refuse_floating(contacts, cut)
@@ -228,11 +228,11 @@ def _check_axisymmetric(
 
 def _find_dofs(bodies: NumberedBodies, support: Support) -> Ints:
     """Degrees of freedom of a support, ``(components, nodes)``."""
-    numbered, known = bodies[support.body], list(range(bodies.dim))
-    if not set(support.components) <= set(known):
+    numbered, components = bodies[support.body], list(range(bodies.dim))
+    if not set(support.components) <= set(components):
         raise ValueError(
             f"components of the support on {support.surface!r} are "
-            f"{list(support.components)}, expected some of {known}"
+            f"{list(support.components)}, expected some of {components}"
         )
     try:
         nodes = numbered.body.members(support.surface, support.within, support.at)
@@ -340,17 +340,19 @@ def _without_slip(
     ``free (n,)``: 1 at free degrees of freedom, 0 at prescribed ones.
     """
     count, d = frame.shape[:2]
-    found, known = np.arange(count), None
+    kept, motions = np.arange(count), None
     for basis in [frame] if path is None else [frame, *path.frame]:
-        own = basis[found]
-        if known is not None and np.array_equal(own, known):
+        there = basis[kept]
+        if motions is not None and np.array_equal(there, motions):
             continue
-        rows = (d * found[:, None] + np.arange(d)).ravel()
+        rows = (d * kept[:, None] + np.arange(d)).ravel()
         left, most = (
-            (abs(turn_operator(own, frame[found], part[rows])) @ weights).reshape(-1, d)
+            (abs(turn_operator(there, frame[kept], part[rows])) @ weights).reshape(
+                -1, d
+            )
             for part, weights in ((B, free), (whole, np.ones(len(free))))
         )
         # A node that can slip only by the rounding of its normal cannot slip.
         held = (left <= _NO_WAY * most)[:, 1:].all(axis=1)
-        found, known = found[held], own[held]
-    return found
+        kept, motions = kept[held], there[held]
+    return kept

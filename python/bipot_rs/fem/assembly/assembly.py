@@ -195,7 +195,7 @@ class Assembly:
     @property
     def bolts(self) -> tuple[Reference, ...]:
         """The bolts among `references`."""
-        return tuple(one for one in self.references if one.kind == "bolt")
+        return tuple(point for point in self.references if point.kind == "bolt")
 
     @property
     def offset(self) -> tuple[int, ...]:
@@ -205,7 +205,7 @@ class Assembly:
     @property
     def n(self) -> int:
         """Number of degrees of freedom."""
-        references = sum(one.nodes for one in self.references)
+        references = sum(point.nodes for point in self.references)
         return int(self.nodes.size) + self.dim * references
 
     def stiffness(self) -> CsrMatrix:
@@ -218,7 +218,7 @@ class Assembly:
         if self.ties is None:
             K = system_stiffness(self.numbered, self.springs, self.inclined)
             return replace(self, K=K)
-        rigid = {one.whole for one in self.references if one.whole is not None}
+        rigid = {point.whole for point in self.references if point.whole is not None}
         whole = system_stiffness(self.numbered, self.springs, None, rigid=rigid)
         K = self.ties.stiffness(whole)
         return replace(self, K=K, _loss=self.ties.measure_loss(whole, K))
@@ -267,7 +267,7 @@ class Assembly:
         nodes
             Ascending numbers of nodes, the reference nodes after the others, ``(m,)``.
         """
-        rigid = {one.whole for one in self.references if one.whole is not None}
+        rigid = {point.whole for point in self.references if point.whole is not None}
 
         def read(wanted: Ints) -> CsrMatrix:
             return system_stiffness(
@@ -339,8 +339,8 @@ class Assembly:
             np.maximum.at(fields.status, node, status[has])
         for group, contact in enumerate(self.contacts):
             if contact.pairing != "match":
-                own = np.flatnonzero(self.group == group)
-                self._spread(fields, own, traction[own, 0], shear[own], status[own])
+                at = np.flatnonzero(self.group == group)
+                self._spread(fields, at, traction[at, 0], shear[at], status[at])
         for pairs in self.images:
             self._repeat(fields, pairs)
         return {
@@ -353,10 +353,10 @@ class Assembly:
     def _repeat(self, fields: _NodalFields, pairs: Images) -> None:
         """Contact fields of the second cut, whose contacts were joined to their images."""
         on, onto = pairs.on // self.dim, pairs.onto // self.dim
-        known = fields.status
-        bare = (known[onto] < 0) & (known[on] >= 0)
+        status = fields.status
+        bare = (status[onto] < 0) & (status[on] >= 0)
         on, onto = on[bare], onto[bare]
-        known[onto] = known[on]
+        status[onto] = status[on]
         fields.pressure[onto] = fields.pressure[on]
         fields.shear[onto] = fields.shear[on] @ pairs.turn.T
 
@@ -377,8 +377,8 @@ class Assembly:
         weights = self._weights(contacts)
         node = np.flatnonzero(np.diff(weights.indptr))
         weights = weights[node]
-        dofs, own = self.dim * node, slave.span
-        sign = np.where((dofs >= own.start) & (dofs < own.stop), 1.0, -1.0)
+        dofs, span = self.dim * node, slave.span
+        sign = np.where((dofs >= span.start) & (dofs < span.stop), 1.0, -1.0)
         scaled = weights.multiply(sign[:, None]).tocsr().multiply(self.area[contacts])
         scaled = scaled.tocsr()
         # Weights of quadratic facets have both signs, and their sum may be near zero.
@@ -393,8 +393,8 @@ class Assembly:
         rows = np.repeat(np.arange(len(node)), np.diff(size.indptr))
         order = np.lexsort([size.data, rows])
         largest = order[np.cumsum(np.diff(size.indptr)) - 1]
-        known = fields.status[node]
-        fields.status[node] = np.maximum(known, status[size.indices[largest]])
+        before = fields.status[node]
+        fields.status[node] = np.maximum(before, status[size.indices[largest]])
 
     def _weights(self, contacts: Ints) -> CsrMatrix:
         """Scalar weights w of B, ``(nodes, contacts)``; its blocks are w_ij frame_i."""
@@ -494,18 +494,18 @@ class Assembly:
         """Contacts that a negative clearance asks to penetrate at the start, ``(n_c,)``."""
         asked = np.zeros(len(self.gap), np.bool_)
         for group, contact in enumerate(self.contacts):
-            own, added = self.group == group, contact.clearance
+            at, added = self.group == group, contact.clearance
             if callable(added):
-                added = added(self.points[own])
-            asked[own] = np.any(np.asarray(added) < 0)
+                added = added(self.points[at])
+            asked[at] = np.any(np.asarray(added) < 0)
         return asked
 
     def find_latches(self) -> tuple[Ints, Floats] | None:
         """Degrees of freedom of the shortenings of bolts, and the part of each force here."""
         if not self.bolts:
             return None
-        dofs = np.array([one.first for one in self.bolts], np.int64)
-        return dofs, np.array([one.share for one in self.bolts])
+        dofs = np.array([bolt.first for bolt in self.bolts], np.int64)
+        return dofs, np.array([bolt.share for bolt in self.bolts])
 
     def _find_support(self, contact: int) -> str | None:
         """``support 'body.surface'`` for a support of the nodes of a contact."""
@@ -521,8 +521,8 @@ class Assembly:
 
     def _coordinates(self) -> Floats | None:
         """Position of each degree of freedom; None if one is an unknown rotation."""
-        for one in self.references:
-            if not np.isin(one.turns, self.fixed).all():
+        for point in self.references:
+            if not np.isin(point.turns, self.fixed).all():
                 return None
         return np.repeat(with_points(self.nodes, self.references), self.dim, axis=0)
 
@@ -612,14 +612,14 @@ class Assembly:
         """
         if self.gaps(steps) is None or self._path is None:
             return None
-        found = []
+        gaps_of_ends = []
         for end in ends:
             before = int(end)
             if before == end and before > 0:
-                found.append(self._path[before - 1])
+                gaps_of_ends.append(self._path[before - 1])
             else:
-                found.append(self._move_on(before, move(before, float(end))))
-        return drop_equal_frames(join_steps(found), self.frame)
+                gaps_of_ends.append(self._move_on(before, move(before, float(end))))
+        return drop_equal_frames(join_steps(gaps_of_ends), self.frame)
 
     def _move_on(self, before: int, motions: Sequence[Motion | None]) -> MovingGaps:
         """Gaps after a motion in two states, the first that after some load steps."""
@@ -631,9 +631,9 @@ class Assembly:
         for group, motion in enumerate(motions):
             if motion is not None:
                 at, contact = self.group == group, self.contacts[group]
-                own = self.numbered[contact.body]
-                side = ContactSurface(own.body, contact.surface, contact.within)
-                nodes = own.nodes_at(self.contact_dofs[at, 0])
+                numbered = self.numbered[contact.body]
+                side = ContactSurface(numbered.body, contact.surface, contact.within)
+                nodes = numbered.nodes_at(self.contact_dofs[at, 0])
                 met = follow_obstacle(side, contact, motion, nodes, since=1)
                 turned = self.inclined is not None
                 gap[at] = met.distance[1]
@@ -740,14 +740,14 @@ class Assembly:
         displacement
             Of one step ``(n,)`` or of several ``(steps, n)``.
         """
-        one = reference_named(self.references, name)
+        point = reference_named(self.references, name)
         u = floats("displacement", displacement)
         if u.shape[-1:] != (self.n,):
             raise ValueError(
                 f"displacement has shape {u.shape}, expected ({self.n},) or "
                 f"(steps, {self.n})"
             )
-        return u[..., one.dofs], u[..., one.turns] / (one.arm or 1.0)
+        return u[..., point.dofs], u[..., point.turns] / (point.arm or 1.0)
 
     def prescribed(
         self,
@@ -772,16 +772,16 @@ class Assembly:
                 f"values has {len(values)} entries, expected one for each of the {count} "
                 "supports"
             )
-        known = [
+        moved_by = [
             floats(f"values of support {i}", given, shape=(len(support.components),))
             for i, (support, given) in enumerate(
                 zip(self.supports[:count], values, strict=True)
             )
         ]
-        known += [np.zeros(1)] * self.symmetries
+        moved_by += [np.zeros(1)] * self.symmetries
         at = np.full(self.n, np.nan)
         for support, dofs, numbers in zip(
-            self.supports, self.support_dofs, known, strict=True
+            self.supports, self.support_dofs, moved_by, strict=True
         ):
             for row, k, moved in zip(dofs, support.components, numbers, strict=True):
                 other = row[~np.isnan(at[row]) & (at[row] != moved)]

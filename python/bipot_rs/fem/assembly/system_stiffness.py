@@ -33,18 +33,18 @@ def system_stiffness(
     owners = [bodies[spring.body] for spring in springs]
     dim, blocks = bodies.dim, []
     for numbered in bodies.values():
-        body, own = numbered.body, None
+        body, wanted = numbered.body, None
         if nodes is not None:
             start, end = numbered.first // dim, numbered.span.stop // dim
             first, last = np.searchsorted(nodes, (start, end))
-            own = nodes[first:last] - start
+            wanted = nodes[first:last] - start
         size = body.points.size
         held = body.name in rigid
-        block = sparse.csr_array((size, size)) if held else stiffness(body, own)
+        block = sparse.csr_array((size, size)) if held else stiffness(body, wanted)
         for owner, spring in zip(owners, springs, strict=True):
             if owner is numbered:
                 added = spring_stiffness(body, spring)
-                rows = slice(None) if own is None else dofs_of(own, dim)
+                rows = slice(None) if wanted is None else dofs_of(wanted, dim)
                 block = block + added[rows]
         blocks.append(block)
     K = _stacked(blocks)

@@ -177,8 +177,8 @@ def surface_stiffness(body: Body, points: Quadrature, density: Floats) -> CsrMat
     return _matrix(integrated, dim * points.nodes)
 
 
-def _matrix(found: tuple[Integers, Integers, Floats], n: int) -> CsrMatrix:
-    start, column, data = found
+def _matrix(entries: tuple[Integers, Integers, Floats], n: int) -> CsrMatrix:
+    start, column, data = entries
     shape = len(start) - 1, n
     made: CsrMatrix = sparse.csr_array((data, column, start), shape=shape)
     # Columns ascend by construction: SciPy need not look.

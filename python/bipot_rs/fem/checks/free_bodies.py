@@ -60,9 +60,9 @@ def describe_free_bodies(model: Assembly, *, rough: bool = False) -> Iterator[st
         if joined != members:
             of_bodies = owner[columns] < count
             for k in _list_free_points(free, of_bodies):
-                one = model.references[int(owner[columns[k]]) - count]
+                point = model.references[int(owner[columns[k]]) - count]
                 yield (
-                    f"{one.kind} {one.name!r} can move freely, and no contact holds it: "
+                    f"{point.kind} {point.name!r} can move freely, and no contact holds it: "
                     "prescribe its motion, or add a contact or friction that stops it"
                 )
             free, columns = _keep_bodies(free, of_bodies), columns[of_bodies]
@@ -147,7 +147,7 @@ def list_motions(model: Assembly) -> tuple[Floats, Ints]:
     Rigid motions of all bodies, of equal size, then the components of the reference points,
     whose numbers follow those of the bodies.
     """
-    found, owner = [], []
+    motions_all, owner = [], []
     for b, body in enumerate(model.bodies):
         arm = body.points - body.points.mean(axis=0)
         motions = rigid_motions(arm, float(np.abs(arm).max()))
@@ -158,16 +158,18 @@ def list_motions(model: Assembly) -> tuple[Floats, Ints]:
             columns = np.zeros((model.n, motions.shape[1]))
             columns[model.offset[b] :][: body.points.size] = motions
             motions = columns
-        found.append(motions)
+        motions_all.append(motions)
         owner += [b] * motions.shape[1]
     for k, point in enumerate(model.references):
         dofs = np.concatenate([point.dofs, point.turns])
         columns = np.zeros((model.n, len(dofs)))
         columns[dofs, np.arange(len(dofs))] = 1.0
-        found.append(columns)
+        motions_all.append(columns)
         owner += [len(model.bodies) + k] * len(dofs)
     # One body alone may have most of the memory: it is not copied.
-    modes = found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+    modes = (
+        motions_all[0] if len(motions_all) == 1 else np.concatenate(motions_all, axis=1)
+    )
     return modes, np.array(owner, dtype=np.int64)
 
 
@@ -190,7 +192,7 @@ def _list_pairs(model: Assembly) -> Iterator[set[int]]:
     """Bodies and reference points that contacts and ties connect, two by two."""
     index = {body.name: b for b, body in enumerate(model.bodies)}
     count = len(model.bodies)
-    point = {one.name: count + k for k, one in enumerate(model.references)}
+    point = {reference.name: count + k for k, reference in enumerate(model.references)}
     for contact in model.contacts:
         if contact.against is not None:
             yield {index[contact.body], index[contact.against[0]]}
@@ -208,9 +210,9 @@ def _group_bodies(model: Assembly) -> list[list[int]]:
     """Groups of bodies and reference points connected by contacts and ties."""
     sets = [{b} for b in range(len(model.bodies) + len(model.references))]
     for pair in _list_pairs(model):
-        joined = set().union(*(one for one in sets if one & pair))
-        sets = [one for one in sets if not one & pair] + [joined]
-    return sorted(sorted(one) for one in sets)
+        joined = set().union(*(group for group in sets if group & pair))
+        sets = [group for group in sets if not group & pair] + [joined]
+    return sorted(sorted(group) for group in sets)
 
 
 def describe_motions(

@@ -236,9 +236,11 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
         every = every.copy()
         every[:, model.fixed] = 0.0
     for numbered in model.numbered.values():
-        body, own = numbered.body, every[:, numbered.span]
+        body, displacement = numbered.body, every[:, numbered.span]
         young = _stiffest(body.material)
-        forces = np.linalg.norm(own.reshape(len(own), -1, model.dim), axis=-1)
+        forces = np.linalg.norm(
+            displacement.reshape(len(displacement), -1, model.dim), axis=-1
+        )
         sides = np.sort(np.ptp(body.points, axis=0))[1:]
         around = (
             2 * np.pi * float(body.points[:, 0].max()) if body.axisymmetric else 1.0
@@ -257,14 +259,14 @@ def _determined(model: Assembly) -> Iterator[str]:
     """Rigid sets with components that follow from prescribed displacements of their nodes."""
     if model.ties is None:
         return
-    for one in model.references:
-        dofs = np.concatenate([one.dofs, one.turns])
+    for point in model.references:
+        dofs = np.concatenate([point.dofs, point.turns])
         rows = model.ties.within[dofs[np.isin(dofs, model.ties.dependent)]].tocoo()
         of_nodes = rows.col < model.nodes.size
         held = len(np.unique(rows.row[of_nodes]))
         nodes = np.unique(rows.col[of_nodes] // model.dim)
         many = (
-            f"supports on nodes of the rigid set {one.name!r} determine {held} of the "
+            f"supports on nodes of the rigid set {point.name!r} determine {held} of the "
             f"{len(dofs)} components of its motion: loads at its point act on these "
             "supports; exclude the nodes by within if the set should move"
         )
@@ -274,7 +276,7 @@ def _determined(model: Assembly) -> Iterator[str]:
                 if len(nodes) > 1
                 else (
                     f"a support holds the node at {place(model.nodes[nodes[0]])} in {held} of "
-                    f"{model.dim} directions: what {one.name!r} loads along them acts on the "
+                    f"{model.dim} directions: what {point.name!r} loads along them acts on the "
                     "support alone; load another node, or remove these components of the support"
                 )
             )

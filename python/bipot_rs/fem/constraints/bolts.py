@@ -106,8 +106,8 @@ def _cut(body: Body, bolt: Bolt) -> tuple[Body, Ints, Cut]:
     number = np.argsort(old)
     made = made.with_subdomains(dict(mesh.subdomains or {}))
     surfaces = {
-        name: _renumber_facets(mesh, made, np.asarray(own, np.int64))
-        for name, own in (mesh.boundaries or {}).items()
+        name: _renumber_facets(mesh, made, np.asarray(at, np.int64))
+        for name, at in (mesh.boundaries or {}).items()
         if name != bolt.section
     }
     made = made.with_boundaries(surfaces)
@@ -193,8 +193,8 @@ def _renumber_facets(mesh: ElementMesh, made: ElementMesh, facets: Ints) -> Ints
     """Numbers of facets in a mesh whose cells are at the same places in the same order."""
     cells = np.asarray(mesh.f2t, np.int64)[0, facets]
     at = mesh.p[:, mesh.facets[:, facets]].mean(axis=1)
-    own = np.asarray(made.t2f, np.int64)[:, cells]
-    there = made.p[:, made.facets[:, own]].mean(axis=1)
+    sides = np.asarray(made.t2f, np.int64)[:, cells]
+    there = made.p[:, made.facets[:, sides]].mean(axis=1)
     nearest = np.argmin(np.sum((there - at[:, None]) ** 2, axis=0), axis=0)
-    numbers: Ints = np.unique(own[nearest, np.arange(len(facets))]).astype(np.int64)
+    numbers: Ints = np.unique(sides[nearest, np.arange(len(facets))]).astype(np.int64)
     return numbers

@@ -116,19 +116,19 @@ class Reference:
 
     def values(self, given: Sequence[float]) -> dict[int, float]:
         """Prescribed value of each of `fixed`: translations [m], then rotations [rad]."""
-        found = floats(
+        components = floats(
             f"values of the reference point {self.name!r}",
             given,
             shape=(len(self.components) + len(self.rotations),),
             finite=self.kind != "bolt",
         ).tolist()
-        known = dict.fromkeys(self.fixed.tolist(), 0.0)
+        values_at = dict.fromkeys(self.fixed.tolist(), 0.0)
         moved = len(self.components)
-        for k, value in zip(self.components, found[:moved], strict=True):
-            known[int(self.dofs[k])] = value
-        for axis, value in zip(self.rotations, found[moved:], strict=True):
-            known[self._turn(axis)] = value * (self.arm or 1.0)
-        return known
+        for k, value in zip(self.components, components[:moved], strict=True):
+            values_at[int(self.dofs[k])] = value
+        for axis, value in zip(self.rotations, components[moved:], strict=True):
+            values_at[self._turn(axis)] = value * (self.arm or 1.0)
+        return values_at
 
     def _turn(self, axis: int) -> int:
         return int(self.turns[axis if len(self.point) == 3 else 0])
@@ -137,30 +137,30 @@ class Reference:
         """Loads at `dofs` and `turns` of a force [N] and a moment [N m]."""
         d, turning = len(self.point), len(self.turns)
         what = f"of the reference point {self.name!r}"
-        found = np.zeros(d + turning)
+        total = np.zeros(d + turning)
         if force is not None:
-            found[:d] = floats(f"force {what}", force, shape=(d,))
+            total[:d] = floats(f"force {what}", force, shape=(d,))
         if moment is None:
-            return found
+            return total
         if self.arm is None:
             raise ValueError(
                 f"moment {what} was given, but an obstacle under a force only translates: "
                 "leave it out"
             )
-        own = np.atleast_1d(floats(f"moment {what}", moment))
-        if own.shape != (turning,):
+        couple = np.atleast_1d(floats(f"moment {what}", moment))
+        if couple.shape != (turning,):
             raise ValueError(
-                f"moment {what} has shape {own.shape}, expected ({turning},)"
+                f"moment {what} has shape {couple.shape}, expected ({turning},)"
             )
-        lost = np.abs(self.idle @ own).max(initial=0.0)
-        if lost > _FLAT * np.abs(own).max(initial=0.0):
+        lost = np.abs(self.idle @ couple).max(initial=0.0)
+        if lost > _FLAT * np.abs(couple).max(initial=0.0):
             raise ValueError(
                 f"moment {what} has a component of {lost:g} about the line on which all "
                 "nodes of the set lie, where it has no arm: add nodes aside, or leave this "
                 "component out"
             )
-        found[d:] = own / self.arm
-        return found
+        total[d:] = couple / self.arm
+        return total
 
 
 def make_references(
@@ -175,12 +175,12 @@ def make_references(
     nodes.
     """
     dim, first = bodies.dim, bodies.n
-    found: list[Reference] = []
+    references: list[Reference] = []
     relations: list[Relations] = []
     for floating in floatings(contacts, dim):
         centre = _obstacle_point(contacts, floating, dim)
         held = [k for k in range(dim) if k not in floating.components]
-        found.append(
+        references.append(
             Reference(
                 name=floating.name,
                 kind="obstacle",
@@ -198,27 +198,29 @@ def make_references(
         _check(remote, dim)
         if remote.distributed:
             continue
-        own, relation = _rigid(bodies, remote, first)
-        found.append(own)
+        reference, relation = _rigid(bodies, remote, first)
+        references.append(reference)
         relations += relation
         first += 2 * dim
     for cut in cuts:
         bolt, section = _shortened(bodies, cut, first)
-        found.append(bolt)
+        references.append(bolt)
         relations.append(section)
         first += dim
-    names = [one.name for one in found] + [r.name for r in remotes if r.distributed]
+    names = [point.name for point in references] + [
+        r.name for r in remotes if r.distributed
+    ]
     if len(set(names)) < len(names):
         raise ValueError(
             f"names of floating obstacles, remotes and bolts repeat: {names}, expected different "
             "names"
         )
-    return tuple(found), relations
+    return tuple(references), relations
 
 
 def floatings(contacts: Sequence[Contact], dim: int) -> list[Floating]:
     """The floating obstacles of contacts, in the order of their first contact."""
-    found: dict[str, Floating] = {}
+    by_name: dict[str, Floating] = {}
     for contact in contacts:
         floating = contact.floating
         if floating is None:
@@ -229,36 +231,36 @@ def floatings(contacts: Sequence[Contact], dim: int) -> list[Floating]:
                 f"{'.'.join(contact.against)} is a surface of another body: load that body "
                 "instead"
             )
-        known = found.setdefault(floating.name, floating)
-        if tuple(known.components) != tuple(floating.components):
+        first = by_name.setdefault(floating.name, floating)
+        if tuple(first.components) != tuple(floating.components):
             raise ValueError(
                 f"the floating obstacle {floating.name!r} has components "
-                f"{list(known.components)} in one contact and "
+                f"{list(first.components)} in one contact and "
                 f"{list(floating.components)} in another: give all the same"
             )
     dims = range(dim)
-    for floating in found.values():
+    for floating in by_name.values():
         free = list(floating.components)
         if not free or not set(free) <= set(dims) or len(set(free)) < len(free):
             raise ValueError(
                 f"components of the floating obstacle {floating.name!r} are {free}, "
                 "expected different ones of x, y[, z] as 0, 1[, 2]"
             )
-    return list(found.values())
+    return list(by_name.values())
 
 
 def obstacle_columns(
     contacts: Sequence[Contact],
     group: Ints,
     frame: Floats,
-    found: Sequence[Reference],
+    references: Sequence[Reference],
     n: int,
 ) -> CsrMatrix:
     """Part of B ``(d n_c, n)`` that floating obstacles move: -1 times their frames."""
     count, d = frame.shape[:2]
-    first = {one.name: one.first for one in found}
-    own = [first[c.floating.name] if c.floating else -1 for c in contacts]
-    at = np.array(own, np.int64)[group]
+    first = {point.name: point.first for point in references}
+    column = [first[c.floating.name] if c.floating else -1 for c in contacts]
+    at = np.array(column, np.int64)[group]
     moved = np.flatnonzero(at >= 0)
     rows = (d * moved[:, None] + np.arange(d))[:, :, None]
     columns = (at[moved][:, None] + np.arange(d))[:, None, :]
@@ -288,8 +290,8 @@ def set_of(body: Body, remote: Remote) -> tuple[Ints, Floats]:
 
 def with_points(points: Floats, references: Sequence[Reference]) -> Floats:
     """Positions of the nodes and of the reference nodes after them."""
-    own = [one.point[None] for one in references for _ in range(one.nodes)]
-    return np.concatenate([points, *own])
+    added = [point.point[None] for point in references for _ in range(point.nodes)]
+    return np.concatenate([points, *added])
 
 
 def rotations(arms: Floats) -> Floats:
@@ -297,62 +299,62 @@ def rotations(arms: Floats) -> Floats:
     return rigid_motions(arms)[:, :, arms.shape[1] :]
 
 
-def refuse_held_bolts(found: Sequence[Reference], ties: Ties) -> None:
+def refuse_held_bolts(references: Sequence[Reference], ties: Ties) -> None:
     """Raise if supports prescribe both sides of a section along the axis of its bolt."""
-    for one in found:
-        if one.kind == "bolt" and ties.given[:, [one.first]].count_nonzero():
+    for point in references:
+        if point.kind == "bolt" and ties.given[:, [point.first]].count_nonzero():
             raise ValueError(
-                f"section of the bolt {one.name!r}: a support holds its nodes along the axis "
+                f"section of the bolt {point.name!r}: a support holds its nodes along the axis "
                 "of the bolt, so that no force can shorten it; exclude them by within, or "
                 "move the section"
             )
 
 
-def reference_named(found: Sequence[Reference], name: str) -> Reference:
+def reference_named(references: Sequence[Reference], name: str) -> Reference:
     """The reference point of this name; `ValueError` lists the known names."""
-    for one in found:
-        if one.name == name:
-            return one
-    known = [one.name for one in found]
+    for point in references:
+        if point.name == name:
+            return point
+    names = [point.name for point in references]
     raise ValueError(
         f"there is no reference point {name!r}"
-        + instead(name, known, "the model has no floating obstacle and no rigid set")
+        + instead(name, names, "the model has no floating obstacle and no rigid set")
     )
 
 
 def prescribed_values(
-    found: Sequence[Reference], given: Mapping[str, Sequence[float]] | None
+    references: Sequence[Reference], given: Mapping[str, Sequence[float]] | None
 ) -> dict[int, float]:
     """Prescribed value of each fixed degree of freedom of reference points."""
     values = dict(given or {})
-    known: dict[int, float] = {}
-    for one in found:
-        count = len(one.components) + len(one.rotations)
-        known |= one.values(values.pop(one.name, [0.0] * count))
+    values_at: dict[int, float] = {}
+    for point in references:
+        count = len(point.components) + len(point.rotations)
+        values_at |= point.values(values.pop(point.name, [0.0] * count))
     for name in values:
-        reference_named(found, name)
-    return known
+        reference_named(references, name)
+    return values_at
 
 
 def _check(remote: Remote, dim: int) -> None:
     what = f"of the remote {remote.name!r}"
     axes = range(3) if dim == 3 else range(2, 3)
-    for name, given, known in (
+    for name, given, allowed in (
         ("components", remote.components, range(dim)),
         ("rotations", remote.rotations, axes),
     ):
         if not isinstance(given, Sequence):
             raise TypeError(
-                f"{name} {what} is {given!r}, expected a list of some of {list(known)}"
+                f"{name} {what} is {given!r}, expected a list of some of {list(allowed)}"
             )
-        own = list(given)
-        if not set(own) <= set(known) or len(set(own)) < len(own):
+        names = list(given)
+        if not set(names) <= set(allowed) or len(set(names)) < len(names):
             raise ValueError(
-                f"{name} {what} are {own}, expected different ones of {list(known)}"
+                f"{name} {what} are {names}, expected different ones of {list(allowed)}"
             )
-        if own and remote.distributed:
+        if names and remote.distributed:
             raise ValueError(
-                f"{name} {what} are {own}, but distributed is true: only a rigid set has "
+                f"{name} {what} are {names}, but distributed is true: only a rigid set has "
                 "a prescribed motion"
             )
 
@@ -365,9 +367,9 @@ def _obstacle_point(
         if contact.floating is not None and contact.floating.name == floating.name:
             obstacle = rigid_obstacle(contact, dim)
             for name in ("centre", "point"):
-                found = getattr(obstacle, name, None)
-                if found is not None and np.shape(found) == (dim,):
-                    return np.asarray(found, np.float64)
+                point = getattr(obstacle, name, None)
+                if point is not None and np.shape(point) == (dim,):
+                    return np.asarray(point, np.float64)
     return np.zeros(dim)
 
 
@@ -389,9 +391,9 @@ def _shortened(
     bodies: NumberedBodies, cut: Cut, first: int
 ) -> tuple[Reference, Relations]:
     """The shortening of a bolt, and the relations of its section."""
-    own, d = bodies[cut.bolt.body], bodies.dim
+    numbered, d = bodies[cut.bolt.body], bodies.dim
     dofs = np.empty((len(cut.nodes), d, 4), np.int64)
-    dofs[:, :, 0], dofs[:, :, 1] = own.dofs[cut.copies], own.dofs[cut.nodes]
+    dofs[:, :, 0], dofs[:, :, 1] = numbered.dofs[cut.copies], numbered.dofs[cut.nodes]
     # The second one is zero in every step: its reaction is the tension, without the force at
     # the first.
     dofs[:, :, 2:] = first, first + 1

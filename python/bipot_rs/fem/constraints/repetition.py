@@ -88,9 +88,9 @@ class Images:
     def relations(self) -> Relations:
         """``u(Q x) - Q u(x) = 0``."""
         d = len(self.turn)
-        own = self.onto[:, None] + np.arange(d)
+        rows = self.onto[:, None] + np.arange(d)
         dofs = np.empty((len(self.on), d, 1 + d), np.int64)
-        dofs[:, :, 0] = own
+        dofs[:, :, 0] = rows
         dofs[:, :, 1:] = (self.on[:, None] + np.arange(d))[:, None, :]
         values = np.empty(dofs.shape)
         values[:, :, 0], values[:, :, 1:] = 1.0, -self.turn
@@ -103,10 +103,10 @@ def find_images(bodies: NumberedBodies, repetition: Repetition) -> Images:
     Raises `ValueError`: names that do not exist, a wrong axis or number, cuts whose nodes do
     not match.
     """
-    (own, here), (other, there) = repetition.on, repetition.onto
-    near, far = bodies[own], bodies[other]
+    (on_body, here), (other, there) = repetition.on, repetition.onto
+    near, far = bodies[on_body], bodies[other]
     first, second = near.body.nodes(here), far.body.nodes(there)
-    what = f"{own}.{here} and {other}.{there}"
+    what = f"{on_body}.{here} and {other}.{there}"
     if isinstance(repetition, Periodic) and repetition.on == repetition.onto:
         raise ValueError(
             f"surfaces {what} of a periodicity are the same: name its two cuts"
@@ -123,7 +123,7 @@ def find_images(bodies: NumberedBodies, repetition: Repetition) -> Images:
         match = nearest_points(moved, y)
         off = np.linalg.norm(moved - y[match], axis=1)
         tried.append((float(off.max()), turn, match, int(np.argmax(off))))
-    off_by, turn, match, worst = min(tried, key=lambda one: one[0])
+    off_by, turn, match, worst = min(tried, key=lambda attempt: attempt[0])
     if off_by > _SAME * size or len(np.unique(match)) < len(match):
         raise ValueError(
             f"surfaces {what} do not repeat each other: the image of the node at "
@@ -154,11 +154,11 @@ def _motions(
     axis = None
     if dim == 3:
         axis = check_direction(f"axis of {what}", repetition.axis, 3)
-    found = []
+    motions = []
     for angle in (2 * np.pi / count, -2 * np.pi / count):
         turn = _rotation(angle, axis)
-        found.append((turn, about + (x - about) @ turn.T))
-    return found
+        motions.append((turn, about + (x - about) @ turn.T))
+    return motions
 
 
 def _rotation(angle: float, axis: Floats | None) -> Floats:
@@ -194,7 +194,7 @@ def refuse_floating(contacts: Sequence[Contact], pairs: Images) -> None:
 
 
 def merge_images(
-    found: Sequence[Meeting],
+    meetings: Sequence[Meeting],
     contacts: Sequence[Contact],
     pairs: Images,
     cuts: Sequence[Images],
@@ -211,32 +211,34 @@ def merge_images(
     """
     alike = _opposite(pairs, cuts)
     return [
-        one if one.rows is not None else _merged(one, contact, pairs, alike, nodes)
-        for one, contact in zip(found, contacts, strict=True)
+        meeting
+        if meeting.rows is not None
+        else _merged(meeting, contact, pairs, alike, nodes)
+        for meeting, contact in zip(meetings, contacts, strict=True)
     ]
 
 
 def _opposite(pairs: Images, cuts: Sequence[Images]) -> set[tuple[int, int]]:
     """First degrees of freedom of opposite nodes that repeat like those of ``pairs``."""
-    found = {(-1, -1)}
+    opposite = {(-1, -1)}
     for cut in cuts:
         ends = cut.on.tolist(), cut.onto.tolist()
         if np.abs(cut.turn - pairs.turn).max() <= _AGREE:
-            found.update(zip(*ends, strict=True))
+            opposite.update(zip(*ends, strict=True))
         if np.abs(cut.turn.T - pairs.turn).max() <= _AGREE:
-            found.update(zip(*reversed(ends), strict=True))
-    return found
+            opposite.update(zip(*reversed(ends), strict=True))
+    return opposite
 
 
 def _merged(
-    one: Meeting,
+    meeting: Meeting,
     contact: Contact,
     pairs: Images,
     alike: set[tuple[int, int]],
     nodes: Floats,
 ) -> Meeting:
-    at = {dof: i for i, dof in enumerate(one.dofs[:, 0].tolist())}
-    partner = one.dofs[:, 1].tolist()
+    at = {dof: i for i, dof in enumerate(meeting.dofs[:, 0].tolist())}
+    partner = meeting.dofs[:, 1].tolist()
     joined: dict[int, int] = {}
     for dof, image in zip(pairs.on.tolist(), pairs.onto.tolist(), strict=True):
         if dof == image or dof not in at or image not in at:
@@ -246,57 +248,57 @@ def _merged(
         if second not in joined and (partner[first], partner[second]) in alike:
             joined[first] = second
     if not joined:
-        return one
+        return meeting
     keep, drop = np.array(list(joined.items())).T
-    area, gap, frame = one.area.copy(), one.gap.copy(), one.frame.copy()
-    own, theirs = area[keep, None], area[drop, None]
-    normal = own * frame[keep, 0] + theirs * frame[drop, 0] @ pairs.turn
+    area, gap, frame = meeting.area.copy(), meeting.gap.copy(), meeting.frame.copy()
+    ours, theirs = area[keep, None], area[drop, None]
+    normal = ours * frame[keep, 0] + theirs * frame[drop, 0] @ pairs.turn
     length = np.linalg.norm(normal, axis=1)
-    whole = own[:, 0] + theirs[:, 0]
+    whole = ours[:, 0] + theirs[:, 0]
     bent = length < (1 - _SAME) * whole
     if contact.against is None:
-        _agree(one, contact, pairs, (keep, drop), whole - length)
+        _agree(meeting, contact, pairs, (keep, drop), whole - length)
         bent[:] = False
     else:
-        _same_clearance(one, contact, pairs, (keep, drop), nodes)
+        _same_clearance(meeting, contact, pairs, (keep, drop), nodes)
     if bent.any():
         # Normals of a bent surface on a cut are those of the facets on one side.
         at = keep[bent]
-        opposite = nodes[one.dofs[at, 1] // nodes.shape[1]]
-        between = one.points[at] - opposite
+        opposite = nodes[meeting.dofs[at, 1] // nodes.shape[1]]
+        between = meeting.points[at] - opposite
         gap[at] -= np.einsum("cd,cd->c", frame[at, 0], between)
         frame[at] = frames(normal[bent], contact.axis)
         gap[at] += np.einsum("cd,cd->c", frame[at, 0], between)
     area[keep] = whole
     rest = np.ones(len(area), np.bool_)
     rest[drop] = False
-    return _some(replace(one, area=area, gap=gap, frame=frame), rest)
+    return _some(replace(meeting, area=area, gap=gap, frame=frame), rest)
 
 
-def _some(one: Meeting, rest: Bools) -> Meeting:
+def _some(meeting: Meeting, rest: Bools) -> Meeting:
     return replace(
-        one,
-        points=one.points[rest],
-        frame=one.frame[rest],
-        gap=one.gap[rest],
-        area=one.area[rest],
-        dofs=one.dofs[rest],
+        meeting,
+        points=meeting.points[rest],
+        frame=meeting.frame[rest],
+        gap=meeting.gap[rest],
+        area=meeting.area[rest],
+        dofs=meeting.dofs[rest],
         moved=None
-        if one.moved is None
-        else Approach(*(values[:, rest] for values in one.moved)),
+        if meeting.moved is None
+        else Approach(*(values[:, rest] for values in meeting.moved)),
     )
 
 
 def _same_clearance(
-    one: Meeting,
+    meeting: Meeting,
     contact: Contact,
     pairs: Images,
     joined: tuple[Ints, Ints],
     nodes: Floats,
 ) -> None:
     """Refuse a clearance of two bodies that is not the same on both cuts."""
-    between = one.points - nodes[one.dofs[:, 1] // nodes.shape[1]]
-    clearance = one.gap - np.einsum("cd,cd->c", one.frame[:, 0], between)
+    between = meeting.points - nodes[meeting.dofs[:, 1] // nodes.shape[1]]
+    clearance = meeting.gap - np.einsum("cd,cd->c", meeting.frame[:, 0], between)
     keep, drop = joined
     off = np.abs(clearance[keep] - clearance[drop])
     worst = int(np.argmax(off))
@@ -304,13 +306,13 @@ def _same_clearance(
         raise ValueError(
             f"the clearance of the contact on {contact.surface!r} does not repeat itself "
             f"with the surfaces {pairs.what}: it is {clearance[keep[worst]]:g} at "
-            f"{place(one.points[keep[worst]])} and {clearance[drop[worst]]:g} at its image: "
+            f"{place(meeting.points[keep[worst]])} and {clearance[drop[worst]]:g} at its image: "
             "give both the same"
         )
 
 
 def _agree(
-    one: Meeting,
+    meeting: Meeting,
     contact: Contact,
     pairs: Images,
     joined: tuple[Ints, Ints],
@@ -318,11 +320,11 @@ def _agree(
 ) -> None:
     """Refuse an obstacle that is not the same on both cuts."""
     keep, drop = joined
-    off = np.abs(one.gap[keep] - one.gap[drop]) / pairs.size
-    off = np.maximum(off, turned / one.area[keep])
-    if one.moved is not None:
-        normal, distance, drag = (field[:, keep] for field in one.moved)
-        image = [field[:, drop] for field in one.moved]
+    off = np.abs(meeting.gap[keep] - meeting.gap[drop]) / pairs.size
+    off = np.maximum(off, turned / meeting.area[keep])
+    if meeting.moved is not None:
+        normal, distance, drag = (field[:, keep] for field in meeting.moved)
+        image = [field[:, drop] for field in meeting.moved]
         for apart, size in (
             (np.linalg.norm(image[0] @ pairs.turn - normal, axis=2), 1.0),
             (np.abs(image[1] - distance), pairs.size),
@@ -337,6 +339,6 @@ def _agree(
         raise ValueError(
             f"the obstacle of the contact on {contact.surface!r} does not repeat itself "
             f"with the surfaces {pairs.what}: gaps, normals or motions differ at "
-            f"{place(one.points[keep[worst]])} and its image: use an obstacle with the "
+            f"{place(meeting.points[keep[worst]])} and its image: use an obstacle with the "
             "same symmetry"
         )

@@ -97,8 +97,8 @@ class Ties:
         ``read`` gives rows of K of some of its ``count`` nodes.
         """
         d = self.nodes.shape[1]
-        own = (d * nodes[:, None] + np.arange(d)).ravel()
-        columns = sparse.csc_array(self.within)[:, own]
+        wanted = (d * nodes[:, None] + np.arange(d)).ravel()
+        columns = sparse.csc_array(self.within)[:, wanted]
         needed = np.unique(columns.indices // d)
         needed = needed[needed < count]
         K = read(needed)
@@ -106,9 +106,9 @@ class Ties:
         dofs = (d * needed[:, None] + np.arange(d)).ravel()
         rows = (columns.tocsr()[dofs].T @ K @ self.within).tocoo()
         # Zeros stay.
-        row = np.concatenate([rows.row, np.arange(len(own))])
-        column = np.concatenate([rows.col, own])
-        data = np.concatenate([rows.data, np.zeros(len(own))])
+        row = np.concatenate([rows.row, np.arange(len(wanted))])
+        column = np.concatenate([rows.col, wanted])
+        data = np.concatenate([rows.data, np.zeros(len(wanted))])
         made: CsrMatrix = sparse.csr_array((data, (row, column)), shape=rows.shape)
         return made
 

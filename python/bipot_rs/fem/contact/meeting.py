@@ -189,10 +189,10 @@ def relative_displacement(meetings: Sequence[Meeting], n: int) -> CsrMatrix:
         empty: CsrMatrix = sparse.csr_array((0, n))
         return empty
     rows = []
-    for one in meetings:
+    for met in meetings:
         # A partner of -1 stays negative in its first component.
-        sides = [first[:, None] + np.arange(one.frame.shape[1]) for first in one.dofs.T]
-        rows.append(operator(one.frame, sides, n) if one.rows is None else one.rows)
+        sides = [first[:, None] + np.arange(met.frame.shape[1]) for first in met.dofs.T]
+        rows.append(operator(met.frame, sides, n) if met.rows is None else met.rows)
     # The empty first block allows for no contacts.
     made: CsrMatrix = sparse.csr_array(
         sparse.vstack([sparse.csr_array((0, n)), *rows], "csr")
@@ -201,14 +201,14 @@ def relative_displacement(meetings: Sequence[Meeting], n: int) -> CsrMatrix:
 
 
 def gaps_of_steps(
-    found: Sequence[Meeting], contacts: Sequence[Contact], frame: Floats, turned: bool
+    all_met: Sequence[Meeting], contacts: Sequence[Contact], frame: Floats, turned: bool
 ) -> MovingGaps | None:
     """Gaps, frames and drag of each step for all contacts; None if no obstacle moves.
 
     ``frame``: frames at the start, ``(n_c, d, d)``.
     ``turned``: whether their tangents were turned to those of inclined supports.
     """
-    steps = sorted({len(one.moved.drag) for one in found if one.moved is not None})
+    steps = sorted({len(met.moved.drag) for met in all_met if met.moved is not None})
     if not steps:
         return None
     if len(steps) > 1:
@@ -217,19 +217,19 @@ def gaps_of_steps(
             "all the same number of steps"
         )
     parts, first = [], 0
-    for one, contact in zip(found, contacts, strict=True):
-        own = frame[first : first + len(one.gap)]
-        first += len(one.gap)
-        moved = one.moved
+    for met, contact in zip(all_met, contacts, strict=True):
+        frames = frame[first : first + len(met.gap)]
+        first += len(met.gap)
+        moved = met.moved
         if moved is None:
-            shape = steps[0], *own.shape
+            shape = steps[0], *frames.shape
             gap, bases = (
-                np.broadcast_to(one.gap, shape[:2]),
-                np.broadcast_to(own, shape),
+                np.broadcast_to(met.gap, shape[:2]),
+                np.broadcast_to(frames, shape),
             )
             parts.append((gap, bases, np.zeros(shape[:3])))
         else:
-            bases = frames_of_steps(contact, own, moved.normal, turned)
+            bases = frames_of_steps(contact, frames, moved.normal, turned)
             parts.append((moved.distance, bases, moved.drag))
     return MovingGaps(
         *(np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
@@ -243,14 +243,14 @@ def frames_of_steps(
 
     Tangents turn as little as normals do, unless ``axis`` determines them.
     """
-    found = np.empty((*normals.shape[:2], *frame.shape[1:]))
+    bases = np.empty((*normals.shape[:2], *frame.shape[1:]))
     for k, normal in enumerate(normals):
-        before = frame if k == 0 else found[k - 1]
-        found[k] = turn_frames(before, normal)
+        before = frame if k == 0 else bases[k - 1]
+        bases[k] = turn_frames(before, normal)
         if contact.axis is not None and (np.ndim(contact.mu) == 1 or not turned):
-            other = (found[k] != before).any(axis=(1, 2))
-            found[k, other] = frames(normal[other], contact.axis)
-    return found
+            other = (bases[k] != before).any(axis=(1, 2))
+            bases[k, other] = frames(normal[other], contact.axis)
+    return bases
 
 
 def match_nodes(

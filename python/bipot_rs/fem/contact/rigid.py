@@ -63,13 +63,13 @@ def weigh_obstacle(
         return np.column_stack([apart, drag])
 
     slave = side.mesh()
-    found = weigh_surface(slave, fields)
-    met = _approach_nodes(side, obstacle, motion, found.node, since)
+    weights = weigh_surface(slave, fields)
+    met = _approach_nodes(side, obstacle, motion, weights.node, since)
     drag = np.zeros_like(met.drag)
-    means = found.clearance[states:].reshape(states - 1, slave.dim, len(found.node))
+    means = weights.clearance[states:].reshape(states - 1, slave.dim, len(weights.node))
     drag[1:] = means.transpose(0, 2, 1)
-    gap = found.clearance[:states] + found.slave @ nodal
-    return slave, found, Approach(met.normal, gap, drag)
+    gap = weights.clearance[:states] + weights.slave @ nodal
+    return slave, weights, Approach(met.normal, gap, drag)
 
 
 def _approach_nodes(

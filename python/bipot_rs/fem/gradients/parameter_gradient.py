@@ -114,7 +114,7 @@ class ParameterGradient:
         body, d = self._model.bodies[b], self._model.dim
         weights = body.depth * body.volume().weights
         which = [body.material_of_cells == m for m in range(len(body.materials))]
-        laws = [elasticity(one, d) for one in body.materials]
+        laws = [elasticity(material, d) for material in body.materials]
         moments = [np.zeros((3, 3, 3, 3)) for _ in body.materials]
         motion = np.zeros((3, 3, *weights.shape))
         for adjoint, gradient, initial in self._gradients(b):
@@ -153,7 +153,7 @@ class ParameterGradient:
             yield adjoint, displacement, whole
 
     def _loads_of(self) -> list[tuple[Load, Floats, int]]:
-        return [(*one, b) for one, b in zip(self._loads, self._owners, strict=True)]
+        return [(*parts, b) for parts, b in zip(self._loads, self._owners, strict=True)]
 
     def _of_body(self, b: int, field: Floats) -> Floats:
         """Part ``(nodes, d)`` of a field ``(n,)``."""
@@ -186,11 +186,11 @@ class ParameterGradient:
                 [
                     np.sum(moment * law(material, body.dim))
                     for material, moment in zip(
-                        body.materials, own.moments, strict=True
+                        body.materials, integrals.moments, strict=True
                     )
                 ]
             )
-            for body, own in zip(self._model.bodies, self._integrals, strict=True)
+            for body, integrals in zip(self._model.bodies, self._integrals, strict=True)
         }
 
     @cached_property
@@ -281,9 +281,9 @@ class ParameterGradient:
         for adjoint, u in zip(self._lambda, self._u, strict=True):
             sides = [
                 np.einsum(
-                    "pcd,cq->dpq", self._of_body(b, one)[points.corners], points.phi
+                    "pcd,cq->dpq", self._of_body(b, field)[points.corners], points.phi
                 )
-                for one in (adjoint, u)
+                for field in (adjoint, u)
             ]
             each += np.einsum("dpq,dpq,pq->d", *sides, weights)
             across = [np.einsum("dpq,dpq->pq", side, normals) for side in sides]
@@ -429,7 +429,7 @@ class ParameterGradient:
         n = facets.vectors / size
         total = np.zeros_like(n)
         for fields in zip(self._lambda, self._u, strict=True):
-            adjoint, u = (facets.at_points(self._of_body(b, one)) for one in fields)
+            adjoint, u = (facets.at_points(self._of_body(b, field)) for field in fields)
             if spring.stiffness is not None:
                 each = np.broadcast_to(spring.stiffness, (body.dim,))
                 total += np.einsum("d,dpq,dpq->pq", each, adjoint, u) * n
@@ -437,25 +437,25 @@ class ParameterGradient:
             tangential, normal = spring.tangential or 0.0, spring.normal or 0.0
             total += tangential * np.sum(adjoint * u, axis=0) * n
             # (λ·a) (u·a) / |a| of the area vector a.
-            one, other = np.sum(adjoint * n, axis=0), np.sum(u * n, axis=0)
+            along, other = np.sum(adjoint * n, axis=0), np.sum(u * n, axis=0)
             total += (normal - tangential) * (
-                one * u + other * adjoint - one * other * n
+                along * u + other * adjoint - along * other * n
             )
         return facets.adjoint(body.depth * facets.weights * total)
 
-    def _add_contact(self, found: Floats, meets: Meets, at: Ints) -> None:
+    def _add_contact(self, derivative: Floats, meets: Meets, at: Ints) -> None:
         """Add the derivative of the contacts ``at`` of one surface to that of the nodes."""
         model, contact = self._model, meets.contact
         numbered, first_dofs = model.numbered[contact.body], model.contact_dofs[at]
-        own, opposite = first_dofs.T // model.dim
+        node, opposite = first_dofs.T // model.dim
         if contact.against is None:
-            np.add.at(found, own, meets.at_rigid())
+            np.add.at(derivative, node, meets.at_rigid())
             return
         nodes, first = numbered.nodes_at(first_dofs[:, 0]), numbered.first // model.dim
         partners = model.nodes[opposite]
         ours, theirs = of_matching(meets, numbered.body, nodes, partners)
-        found[first : first + len(ours)] += ours
-        np.add.at(found, opposite, theirs)
+        derivative[first : first + len(ours)] += ours
+        np.add.at(derivative, opposite, theirs)
 
 
 def of_gradient(
@@ -487,7 +487,7 @@ def _refuse_function(load: Load) -> None:
         )
     value = getattr(load, load.kind)
     each = value.values() if isinstance(value, Mapping) else [value]
-    if any(callable(one) or np.ndim(one) > 2 for one in each):
+    if any(callable(values) or np.ndim(values) > 2 for values in each):
         raise ValueError(
             f"the {load.kind} on body {load.body!r} varies with the position, and its "
             "derivative with respect to node coordinates is not known: give a constant"

@@ -21,7 +21,7 @@ from bipot_rs.petsc import tuning
 from bipot_rs.petsc.linear import options
 from bipot_rs.petsc.linear.preconditioner import Hierarchy, Preconditioner
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
-from bipot_rs.petsc.operator import Operator, Springs
+from bipot_rs.petsc.operator import Operator, SlidingSprings
 
 
 class JoinedBodies(Preconditioner):
@@ -40,7 +40,7 @@ class JoinedBodies(Preconditioner):
         # Whether the hierarchy is that of the present statuses; None before there is one.
         self._follows: bool | None = None
         self._tangent: _core.ContactTangent | None = None
-        self._springs: Springs | None = None
+        self._springs: SlidingSprings | None = None
         self._left, self._more = operator.K.createVecs()
 
     def begin(self) -> None:
@@ -62,7 +62,7 @@ class JoinedBodies(Preconditioner):
         """Follow the statuses."""
         if not new and not (self._slow and self._follows is False):
             return
-        springs = Springs(tangent, self._part.d)
+        springs = SlidingSprings(tangent, self._part.d)
         self._tangent, self._springs = tangent, springs
         held = tangent.held
         if new:
@@ -125,7 +125,7 @@ class _InterfaceFactor:
         self._PETSc = operator.PETSc
         self._free: Ints = np.empty(0, np.int64)
 
-    def factor(self, held: Bools, springs: Springs) -> None:
+    def factor(self, held: Bools, springs: SlidingSprings) -> None:
         """Factor the part that is not held."""
         from scipy.sparse import coo_array
 

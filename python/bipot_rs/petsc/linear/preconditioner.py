@@ -12,7 +12,7 @@ from bipot_rs._lib.types import PetscMat, PetscVec
 from bipot_rs.petsc import tuning
 from bipot_rs.petsc.linear import options
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
-from bipot_rs.petsc.operator import Springs
+from bipot_rs.petsc.operator import SlidingSprings
 
 
 class Preconditioner:
@@ -31,7 +31,7 @@ class Preconditioner:
     ) -> None:
         """Make it for these statuses; ``new`` says whether they have changed."""
         if new:
-            self._part.set_values(tangent.held, Springs(tangent, self._part.d))
+            self._part.set_values(tangent.held, SlidingSprings(tangent, self._part.d))
             self.update()
 
     def update(self) -> None:

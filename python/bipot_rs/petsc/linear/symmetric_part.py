@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats, Integers, Ints, PetscMat
-from bipot_rs.petsc.operator import Operator, Springs
+from bipot_rs.petsc.operator import Operator, SlidingSprings
 
 
 class SymmetricPart:
@@ -65,7 +65,7 @@ class SymmetricPart:
         self._order = np.argsort(self._keys)
         self._places = len(interface.dofs)
 
-    def set_values(self, held: Bools, springs: Springs | None) -> None:
+    def set_values(self, held: Bools, springs: SlidingSprings | None) -> None:
         """Write the values for held places and springs of sliding contacts."""
         dead = np.append(held, False)
         near = self._entries
@@ -85,7 +85,7 @@ class SymmetricPart:
         )
         self.P.assemble()
 
-    def _add_springs(self, values: Floats, springs: Springs) -> None:
+    def _add_springs(self, values: Floats, springs: SlidingSprings) -> None:
         """Add the springs of own contact nodes to the values."""
         i, j, added = springs.list_entries()
         keys = i * (self._places + 1) + j

@@ -18,7 +18,7 @@ from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
 from bipot_rs.scene.schema.contact import Bar, Ring, Touch, Turn
-from bipot_rs.scene.schema.mesh import Block, Within
+from bipot_rs.scene.schema.mesh import BodyTable, Within
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import AXES, LARGEST, NAME, Components
 from bipot_rs.scene.schema.tie import CyclicTable
@@ -74,7 +74,7 @@ def inconsistencies(
     ]
 
 
-def _of_table(block: Block) -> Known:
+def _of_table(block: BodyTable) -> Known:
     if block.mesh is not None or block.dim is None:
         return Known()
     return Known(block.dim, [*FACES[block.dim], *block.surface], ())
@@ -187,7 +187,7 @@ def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:
         yield from _places(f"body.{name}.surface", block)
 
 
-def _volumes(place: str, block: Block, known: Known) -> Iterator[Mistake]:
+def _volumes(place: str, block: BodyTable, known: Known) -> Iterator[Mistake]:
     if not block.material:
         yield Mistake(place, "is empty, expected a material for each volume")
     if known.volumes is None:
@@ -198,7 +198,7 @@ def _volumes(place: str, block: Block, known: Known) -> Iterator[Mistake]:
             yield _unknown(place, "volume", volume, known.volumes, hint)
 
 
-def _box(name: str, block: Block, scene: Scene) -> Iterator[Mistake]:
+def _box(name: str, block: BodyTable, scene: Scene) -> Iterator[Mistake]:
     for key in ("cell", "x", "y"):
         if getattr(block, key) is None:
             yield Mistake(f"body.{name}.{key}", "is missing", MistakeKind.MISSING_KEY)
@@ -224,7 +224,7 @@ def _box(name: str, block: Block, scene: Scene) -> Iterator[Mistake]:
         yield from _too_large(name, nodes, block.dim, scene.path.count())
 
 
-def _of_file(name: str, block: Block, _: Scene) -> Iterator[Mistake]:
+def _of_file(name: str, block: BodyTable, _: Scene) -> Iterator[Mistake]:
     only_box = "is for a box, but this body has a mesh; remove one"
     order = f"is for a box; for a mesh set body.{name}.mesh.order"
     yield from _refuse(
@@ -236,7 +236,7 @@ def _of_file(name: str, block: Block, _: Scene) -> Iterator[Mistake]:
     )
 
 
-def _places(key: str, block: Block) -> Iterator[Mistake]:
+def _places(key: str, block: BodyTable) -> Iterator[Mistake]:
     """Surfaces that the scene defines by geometry."""
     taken = {} if block.mesh is not None or block.dim is None else FACES[block.dim]
     for name, surface in block.surface.items():
@@ -510,10 +510,10 @@ def _friction(place: str, contact: Touch, dim: int) -> Iterator[Mistake]:
         f"should be two positive numbers within a factor of {RATIO:g} of each other, or two "
         f"zeros, got {mu}"
     )
-    one = "needs one number in mu, got two"
+    twice = "needs one number in mu, got two"
     yield from _refuse(
-        (contact.cohesion > 0, f"{place}.cohesion", one),
-        (contact.dilatancy > 0, f"{place}.dilatancy", one),
+        (contact.cohesion > 0, f"{place}.cohesion", twice),
+        (contact.dilatancy > 0, f"{place}.dilatancy", twice),
         (dim == 2, f"{place}.mu", two),
         (not min(mu) * RATIO >= max(mu), f"{place}.mu", near),
     )

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from unicodedata import normalize
 
 from bipot_rs._lib.messages import instead
+from bipot_rs._lib.types import Record
 from bipot_rs.scene.schema.table import key_path
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ class Formulas:
         Key paths of the names that no formula has used.
     """
 
-    def __init__(self, table: Mapping[str, Any]) -> None:
+    def __init__(self, table: Record) -> None:
         given, mesh = table.get("parameter"), table.get("mesh")
         self.values: MutableMapping[str, float] = {}
         self.unused: dict[str, str] = {}

@@ -153,7 +153,7 @@ class MeshFile(Table):
     order: Annotated[int, Field(ge=1, le=2)] | None = None
 
 
-class Block(Table):
+class BodyTable(Table):
     """A body: a rectangle or a box with ``x``, ``y``, ``z``, or a ``mesh``.
 
     A list in place of an axis gives its grid points. ``order = 2`` adds mid-side nodes.

@@ -18,7 +18,7 @@ from bipot_rs.scene.schema.load import (
     Traction,
 )
 from bipot_rs.scene.schema.material import Elastic
-from bipot_rs.scene.schema.mesh import Block, Mesh
+from bipot_rs.scene.schema.mesh import BodyTable, Mesh
 from bipot_rs.scene.schema.path import LoadPath, WearTable
 from bipot_rs.scene.schema.table import (
     AXES,
@@ -87,7 +87,7 @@ class Scene(Table):
     parameter: dict[str, float] = Field(default_factory=no_tables)
     mesh: Mesh | None = None
     material: dict[str, Elastic]
-    body: Annotated[dict[str, Block], Field(min_length=1)]
+    body: Annotated[dict[str, BodyTable], Field(min_length=1)]
     obstacle: dict[str, Rigid] = Field(default_factory=no_tables)
     support: list[Prescribed] = Field(default_factory=no_entries)
     symmetry: list[Mirror] = Field(default_factory=no_entries)
@@ -144,13 +144,13 @@ class Scene(Table):
         dims = (block.dim for block in self.body.values())
         return max((dim for dim in dims if dim), default=None)
 
-    def cell(self, block: Block) -> str | None:
+    def cell(self, block: BodyTable) -> str | None:
         """Shape of the cells of a box: that of ``mesh.element``, else its own."""
         if block.dim is None or self.mesh is None or self.mesh.element is None:
             return block.cell
         return _CARRIES[self.mesh.element[0]][block.dim]
 
-    def order(self, block: Block) -> int | None:
+    def order(self, block: BodyTable) -> int | None:
         """Order of the cells of a body; None for the order in its file."""
         if self.mesh is not None and self.mesh.element is not None:
             return int(self.mesh.element[1])
