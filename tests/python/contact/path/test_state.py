@@ -165,11 +165,6 @@ def test_a_little_tension_of_another_program_is_allowed() -> None:
     assert list(at.step().status) == [bp.Status.STICK, bp.Status.OPEN]
 
 
-def test_a_state_of_other_contacts_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"shape \(1, 3\), expected \(1, 2\)"):
-        point(2).solve([-1.0, 0.0], start=state([0.0, 0.0]))
-
-
 def test_a_state_does_not_number_the_steps_of_a_problem() -> None:
     """Loads of the problem are counted from a `Result`, which knows its steps."""
     problem = point(2, loads=[[-1.0, 0.0], [-2.0, 0.0]])
@@ -186,19 +181,3 @@ def test_derivatives_from_a_state_are_those_of_differences() -> None:
     # Friction is at its limit, MU times the pressure.
     pressed = result.jvp(load=np.array([-1.0, 0.0]))
     assert pressed.reaction[0, 0] == pytest.approx([1.0, -MU], abs=1e-14)
-
-
-def test_wear_from_a_state_is_that_from_its_step() -> None:
-    problem = point(2, area=[1.0])
-    first = problem.solve([-PRESSURE, 6.0], tol=1e-14)
-    state_of_start = bp.State(
-        reaction=first.reaction[0], relative_displacement=first.relative_displacement[0]
-    )
-    there_and_back = np.array([[-PRESSURE, -6.0], [-PRESSURE, 6.0]])
-    worn = [
-        problem.wear(there_and_back, coefficient=1e-6, cycles=3, jump=False, start=at)
-        for at in (first, state_of_start)
-    ]
-    assert worn[0].depth[-1, 0] > 0
-    # Equal loads and η of 1e-10.
-    assert worn[1].depth == pytest.approx(worn[0].depth, rel=1e-9)
