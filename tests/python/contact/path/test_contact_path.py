@@ -95,39 +95,40 @@ def test_variables_are_those_of_their_matrix() -> None:
     assert set(np.flatnonzero(variables.absent)) == set(case.model.fixed)
 
 
-def test_an_exception_of_the_engine_reaches_the_caller() -> None:
-    class Broken(NumpyEngine):
-        def product(self, _y: Array) -> Array:
-            raise ZeroDivisionError("out of products")
+class Broken(NumpyEngine):
+    def product(self, _y: Array) -> Array:
+        raise ZeroDivisionError("out of products")
 
+
+class Short(NumpyEngine):
+    def at_places(self, y: Array) -> Array:
+        return y[1:]
+
+
+class Late(NumpyEngine):
+    def agreed(self, _decision: bool) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("kind", "error", "said"),
+    [
+        (Broken, ZeroDivisionError, "out of products"),
+        (Short, ValueError, "values by places has length"),
+        (Late, None, "time_limit"),
+    ],
+)
+def test_what_goes_wrong_in_the_engine(kind: Any, error: Any, said: str) -> None:
+    """Exceptions reach the caller; the engine decides that time is over."""
     case = Case(pressed(2))
-    broken = Broken(case.K, case.variables, case.model.fixed)
+    start = np.zeros(len(case.K))
     path = _core.ContactPath(case.variables)
-    with pytest.raises(ZeroDivisionError, match="out of products"):
-        case.step(path, broken, np.zeros(len(case.K)), 0)
+    engine = kind(case.K, case.variables, case.model.fixed)
+    if error is None:
+        assert case.step(path, engine, start, 0)[0].solution.outcome == said
+        return
+    with pytest.raises(error, match=said):
+        case.step(path, engine, start, 0)
     # The path did not move.
-    step, _ = case.step(path, case.engine(), np.zeros(len(case.K)), 0)
+    step, _ = case.step(path, case.engine(), start, 0)
     assert step.solution.outcome == "converged"
-
-
-def test_the_engine_decides_that_time_is_over() -> None:
-    class Late(NumpyEngine):
-        def agreed(self, _decision: bool) -> bool:
-            return True
-
-    case = Case(pressed(2))
-    late = Late(case.K, case.variables, case.model.fixed)
-    path = _core.ContactPath(case.variables)
-    step, _ = case.step(path, late, np.zeros(len(case.K)), 0)
-    assert step.solution.outcome == "time_limit"
-
-
-def test_values_of_a_wrong_length_are_refused() -> None:
-    class Short(NumpyEngine):
-        def at_places(self, y: Array) -> Array:
-            return y[1:]
-
-    case = Case(pressed(2))
-    short = Short(case.K, case.variables, case.model.fixed)
-    with pytest.raises(ValueError, match="values by places has length"):
-        case.step(_core.ContactPath(case.variables), short, np.zeros(len(case.K)), 0)

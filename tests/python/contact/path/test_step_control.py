@@ -95,35 +95,25 @@ def test_the_steps_are_those_of_the_same_load_points() -> None:
     fixed = bar_problem(12)[0].solve(np.array([at(s) for s in automatic.s]))
     assert bits(automatic, fixed)
     assert fixed.s is None
-    again = bar_problem(12)[0].follow(at, first=0.25, largest=0.5, slip=2e-3)
-    assert again.s.tobytes() == automatic.s.tobytes()
 
 
 def test_an_interrupted_path_continues(tmp_path: Path) -> None:
     problem, load = bar_problem(12)
-    options: dict[str, Any] = {
-        "stops": [0.3, 1.0, 1.7],
-        "first": 0.25,
-        "largest": 0.5,
-        "slip": 2e-3,
-    }
+    options: dict[str, Any] = {"first": 0.25, "largest": 0.5, "slip": 2e-3}
+    options["stops"] = [0.3, 1.0, 1.7]
     whole = problem.follow(tugged(load), **options)
     assert {0.3, 1.0, 1.7} <= set(whole.s.tolist())
     fields = (*FIELDS, "s", "ahead")
     for k in (0, len(whole) // 2, len(whole) - 2):
-
-        class Stopped(Exception):
-            pass
-
         steps: list[Any] = []
 
         def stop(number: int, step: Any, k: int = k, steps: Any = steps) -> None:
             steps.append(step)
             if number == k:
-                raise Stopped
+                raise KeyError
 
         fresh = bar_problem(12)[0]
-        with pytest.raises(Stopped):
+        with pytest.raises(KeyError):
             fresh.follow(tugged(load), **options, on_step=stop)
         assert bits(steps, whole[: k + 1], fields)
         rest = fresh.follow(tugged(load), **options, start=steps[-1])

@@ -9,7 +9,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from support.bodies import block, uniform_shear
-from support.comparisons import bits
+from support.comparisons import bits, refused
 
 BODY = block([4.0, 2.0], [16, 8], 100.0, 0.3)
 FIXED = np.concatenate([BODY.dofs(1, 2.0, k) for k in range(2)])
@@ -51,11 +51,11 @@ def test_what_is_asked_without_the_factor() -> None:
     load, moved = steps()
     dropped = problem(loads=(load, moved))
     assert dropped.solve()[0].error_estimate is None
-    with pytest.raises(ValueError, match=r"displacements need the factor .* `loads=`"):
+    with refused(r"displacements need the factor .* `loads=`"):
         _ = dropped.solve().displacement
-    with pytest.raises(ValueError, match="not among the loads given as `loads=`"):
+    with refused("not among the loads given as `loads=`"):
         dropped.solve(load[0], 2 * moved[0])
-    with pytest.raises(ValueError, match="tuple of 3"):
+    with refused("tuple of 3"):
         problem(loads=(load, moved, moved))
 
 
@@ -72,11 +72,11 @@ def test_displacements_are_saved_if_there_is_a_factor(tmp_path: Path) -> None:
         lambda: problem(loads=(load, moved)).solve().save(path),
     ):
         saved()
-        with pytest.raises(ValueError, match=lost):
+        with refused(lost):
             _ = bp.load(path).displacement
-    with pytest.raises(ValueError, match=lost):
+    with refused(lost):
         bp.load(path).save(path, displacements=True)
-    with pytest.raises(ValueError, match="displacements need the factor"):
+    with refused("displacements need the factor"):
         problem(loads=(load, moved)).solve().save(path, displacements=True)
     bp.load(path).save(path)
     kept.solve(load, moved).save(path, displacements=True)
@@ -112,9 +112,9 @@ def test_updates_of_the_stiffness() -> None:
     for K in (softer, sparse.csr_array(BODY.K + far)):
         updated.update(K)
         assert (updated.stats["seconds_order"] == ordered) == (K is softer)
-        with pytest.raises(ValueError, match="indefinite"):
+        with refused("indefinite"):
             updated.update(-1.0 * BODY.K)
-        with pytest.raises(ValueError, match=r"K has shape .* expected"):
+        with refused(r"K has shape .* expected"):
             updated.update(np.eye(3))
         assert bits(updated.solve(load, moved), problem(K=K).solve(load, moved))
     # Earlier results keep the stiffness that they were solved with.
@@ -190,5 +190,5 @@ def test_a_memory_limit_raises_before_the_work() -> None:
         problem(memory_limit=needs - 1)
     assert problem(memory_limit=2**40).solve(*steps()).success
     assert problem(memory_limit=2 * needs).solve(*steps()).success
-    with pytest.raises(ValueError, match="memory_limit"):
+    with refused("memory_limit"):
         problem(memory_limit=0)

@@ -22,7 +22,7 @@ from skfem import MeshTet
 import bipot_rs as bp
 import bipot_rs._core as _core
 from bipot_rs import fem
-from support.comparisons import bits
+from support.comparisons import bits, refused
 from support.orders import by_component
 
 pytestmark = pytest.mark.needs_extra
@@ -169,9 +169,9 @@ def test_the_error_without_it_suggests_stiffness_rtol(digits: int) -> None:
     K = written(data.K, digits)
     values = np.linalg.eigvalsh(K.toarray())
     assert values[0] < 0
-    with pytest.raises(ValueError, match="indefinite") as refused:
+    with refused("indefinite") as caught:
         data.problem(K, coordinates=None)
-    message = str(refused.value)
+    message = str(caught.value)
     told = re.search(r"most negative eigenvalue is (\S+) of the largest", message)
     assert told
     assert float(told[1]) == pytest.approx(values[0] / values[-1], rel=0.1)
@@ -179,16 +179,16 @@ def test_the_error_without_it_suggests_stiffness_rtol(digits: int) -> None:
     assert offered
     problem = data.problem(K, stiffness_rtol=float(offered[1]))
     assert problem.stats["rigid_motions"] == 3
-    with pytest.raises(ValueError, match=r"eigenvalue is -1\.0e\+00 of the") as refused:
+    with refused(r"eigenvalue is -1\.0e\+00 of the") as caught:
         bp.ContactProblem(np.diag([1.0, -1.0]), np.eye(2), gap=[0.0], mu=0.3)
-    assert "stiffness_rtol" not in str(refused.value)
+    assert "stiffness_rtol" not in str(caught.value)
 
 
 def test_a_large_indefinite_stiffness() -> None:
     """Its eigenvalue is found without a full matrix."""
     data = case("quadrilateral", False, cells=36)
     assert data.K.shape[0] > 3000
-    with pytest.raises(ValueError, match=r"eigenvalue is -\d\.\de-(09|10|11) of .*1e-"):
+    with refused(r"eigenvalue is -\d\.\de-(09|10|11) of .*1e-"):
         data.problem(written(data.K, 8), coordinates=None)
 
 
@@ -223,9 +223,7 @@ def test_a_condensed_stiffness(cell: str) -> None:
     superelement = data._replace(
         K=S, B=data.B[:, kept], load=data.load[kept], at=data.at[kept]
     )
-    with pytest.raises(
-        ValueError, match=r"eigenvalue is -\d\.\de-1\d .*stiffness_rtol"
-    ):
+    with refused(r"eigenvalue is -\d\.\de-1\d .*stiffness_rtol"):
         superelement.problem(coordinates=None)
     problem = superelement.problem(stiffness_rtol=1e-12)
     assert problem.stats["rigid_motions"] == m
@@ -407,9 +405,9 @@ def test_directions_by_coordinates(places: Any, d: int, expected: list[int]) -> 
 @pytest.mark.parametrize("claimed", [9, 12])
 def test_fewer_digits_than_given(claimed: int) -> None:
     data = case("quadrilateral", False)
-    with pytest.raises(ValueError, match="typically by") as refused:
+    with refused("typically by") as caught:
         data.problem(written(data.K, 6), stiffness_rtol=10.0**-claimed)
-    message = str(refused.value)
+    message = str(caught.value)
     told = re.search(r"typically by (\S+) of the", message)
     offered = re.search(r"give stiffness_rtol=([\de-]+)", message)
     assert told
@@ -437,9 +435,9 @@ def test_an_asymmetric_stiffness() -> None:
     data = case("quadrilateral", False)
     K = data.K.tolil()
     K[0, 1] *= 1.01
-    with pytest.raises(ValueError, match="not symmetric"):
+    with refused("not symmetric"):
         data.problem(sparse.csr_array(K), stiffness_rtol=1e-8)
-    with pytest.raises(ValueError, match="lower triangle only"):
+    with refused("lower triangle only"):
         data.problem(sparse.csr_array(sparse.tril(data.K)), stiffness_rtol=1e-8)
     # Each entry is rounded separately, from slightly different values.
     K = written(data.K, 8)
@@ -461,7 +459,7 @@ def test_update_pickle_and_threads() -> None:
     problem.update(other)
     fresh = data.problem(other, stiffness_rtol=1e-8)
     assert bits(problem.solve(data.load), fresh.solve(data.load))
-    with pytest.raises(ValueError, match="typically by"):
+    with refused("typically by"):
         problem.update(written(data.K, 5))
     assert problem.stats["rigid_motions_off"] == fresh.stats["rigid_motions_off"]
 
@@ -607,7 +605,7 @@ def test_random_blocks_are_refused(fault: str, seed: int) -> None:
         order = np.roll(np.arange(len(nodes)), 1)
         order = rng.permutation(len(nodes)) if seed % 2 else order
         data = data._replace(at=np.repeat(nodes[order], data.dim, axis=0))
-    with pytest.raises(ValueError, match=r"coordinates|digits|stiffness_rtol"):
+    with refused(r"coordinates|digits|stiffness_rtol"):
         data.problem(written(data.K, digits), stiffness_rtol=10.0**-claimed)
 
 
@@ -752,8 +750,8 @@ def test_a_wrong_small_entry(seed: int) -> None:
     K[3, 2] *= 1 + 1e-4
     K[2, 3] = K[3, 2]
     wrong = sparse.csr_array(K)
-    with pytest.raises(ValueError, match="must change by") as refused:
+    with refused("must change by") as caught:
         it.restore(wrong, 1e-8)
-    offered = re.search(r"give stiffness_rtol=([\de-]+)", str(refused.value))
+    offered = re.search(r"give stiffness_rtol=([\de-]+)", str(caught.value))
     assert offered
     assert off(it.restore(wrong, float(offered[1])), rigid(it.at, 2)) <= 16 * EPS

@@ -19,6 +19,7 @@ from bipot_rs.contact.wear.cycle import Stability
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import assemble
 from bipot_rs.scene.reading import read
+from support.comparisons import refused
 from support.two_blocks import arrays
 from support.worn import COEFFICIENT, PULL, TOL, pad, random_pad, spring, worn_pad
 
@@ -561,14 +562,14 @@ def test_a_trial_that_fails_is_a_rejected_jump(monkeypatch: pytest.MonkeyPatch) 
 def test_wear_needs_contacts_areas_and_a_matching_start() -> None:
     none = bp.ContactProblem(np.eye(2), np.zeros((0, 2)), gap=[], mu=0.3, dim=2)
     given: Any = {"coefficient": 1e-9, "cycles": 3}
-    with pytest.raises(ValueError, match=r"^the problem has no contacts"):
+    with refused(r"^the problem has no contacts"):
         none.wear(PULL, **given)
-    with pytest.raises(ValueError, match=r"^area is missing: wear needs pressures"):
+    with refused(r"^area is missing: wear needs pressures"):
         spring(area=None).wear(PULL, **given)
     other = worn_pad(cycles=1)
-    with pytest.raises(ValueError, match=r"start is a step of worn contacts"):
+    with refused(r"start is a step of worn contacts"):
         worn_pad(start=other.result)
-    with pytest.raises(ValueError, match=r"start has the wear of 17 contacts"):
+    with refused(r"start has the wear of 17 contacts"):
         spring().wear(PULL, start=other, **given)
 
 
