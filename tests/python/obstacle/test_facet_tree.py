@@ -105,7 +105,7 @@ def compare(seed: int, count: int) -> None:
 @pytest.mark.slow_variants("5")
 def test_the_nearest_of_all(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(facet_tree, "AT_ONCE", at_once)
-    compare(1, 8 if at_once == 5 else 60)
+    compare(1, 8 if at_once == 5 else 25)
 
 
 @pytest.mark.slow

@@ -12,8 +12,8 @@ from bipot_rs.discretisation import discretisation_error
 from bipot_rs.scene import assemble, bodies, read
 from bipot_rs.scene.histories import evaluate_amplitude
 from bipot_rs.scene.schema.path import Amplitude
-from support.children import bipot, bipot_with
-from support.comparisons import bits, content, refused
+from support.children import bipot, resumed
+from support.comparisons import bits, refused
 
 SLIDING = ("mesh.n=4", "path.automatic={slip = 0.004, first = 0.5}")
 
@@ -114,24 +114,8 @@ automatic = { smallest = 1e-4 }
 
 
 def test_resumed_to_the_same_files(tmp_path: Path) -> None:
-    command = ["run", "two_blocks", "--out", "here"]
-    for setting in SLIDING:
-        command += ["--set", setting]
-
-    def fault(step: int, *_: object) -> None:
-        if step == 2:
-            raise KeyboardInterrupt
-
-    assert bipot(*command, cwd=tmp_path).returncode == 0
-    whole = content(tmp_path / "here" / "result.h5")
-    broken = bipot_with(
-        fault, "bipot_rs.contact.results.tables:make_row", *command, cwd=tmp_path
-    )
-    assert broken.returncode == 130
-    run = bipot(*command, "--resume", "--json", cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    assert json.loads(run.stdout.splitlines()[0])["step"] == 2
-    assert content(tmp_path / "here" / "result.h5") == whole
+    settings = [word for setting in SLIDING for word in ("--set", setting)]
+    resumed("two_blocks", "--out", "here", *settings, cwd=tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -47,84 +47,75 @@ def test_automatic_steps_from_toml_and_python_are_equal(tmp_path: Path) -> None:
 
 def test_forces_balance() -> None:
     """Supports, loads and contacts of each body, by their names."""
-    m = blocks()
-    result = m.solve(tol=1e-13)
+    result = blocks().solve(tol=1e-13)
     np.testing.assert_array_equal(result.parameter, [0.0, 1.0])
     through = result.contact_force("upper.bottom")
-    held = {on: result.support_force(on) for on in ("upper.top", "lower.bottom")}
     pressed = np.array([[0.0, 0.0], [-5.0 * 2.0, 0.0]])
     weight = np.array([0.0, -0.1 * 4.0 * 2.0])
     # Sums of K u, of the size of K times u: ε times some of them.
-    size = 210e3 * 0.02
-    near(through + held["upper.top"] + pressed, 0, 1e-11 * size)
-    near(-through + held["lower.bottom"] + weight, 0, 1e-11 * size)
+    size = 1e-11 * 210e3 * 0.02
+    near(through + result.support_force("upper.top") + pressed, 0, size)
+    near(-through + result.support_force("lower.bottom") + weight, 0, size)
     assert (through[:, 1] > 0).all()
     assert (np.abs(through[:, 0]) <= 0.3 * through[:, 1] * (1 + 1e-9)).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_moments_balance_the_loads(d: int, seed: int, bipot: Any) -> None:
     """A block that contact alone holds, anywhere in space: table, method, steps.csv."""
     rng = np.random.default_rng(seed)
     at = rng.uniform(-100, 100, d)
     m = bp.Model()
     m.material("steel", young=210e3, poisson=0.3)
-    cell = {2: "quadrilateral", 3: "hexahedron"}[d]
     axes = {
         axis: {"from": low, "to": low + 40.0, "cells": 4}
         for axis, low in zip("xyz", at, strict=False)
     }
+    cell = {2: "quadrilateral", 3: "hexahedron"}[d]
     m.body("b", material="steel", cell=cell, **axes)
-    up = np.eye(d)[-1].tolist()
-    m.contact("b.bottom", plane={"point": at, "normal": up}, mu=0.5, name="foot")
+    plane = {"point": at, "normal": np.eye(d)[-1].tolist()}
+    m.contact("b.bottom", plane=plane, mu=0.5, name="foot")
     m.pressure("b.top", 10.0)
-    sides = ("left", "front") if d == 3 else ("left",)
-    for side in sides:
+    for side in ("left", "front")[: d - 1]:
         m.traction(f"b.{side}", **dict(zip("xyz", rng.uniform(-1, 1, d), strict=False)))
     result = m.solve()
-    x = result.case.model.nodes
-    force = result.case.load[-1].reshape(-1, d)
-    sizes = np.abs(x).max() * np.abs(force).sum()
+    x, force = result.case.model.nodes, result.case.load[-1].reshape(-1, d)
+    within = 1e-9 * np.abs(x).max() * np.abs(force).sum()
+    names = [f"moment_{axis} of foot" for axis in ("xyz" if d == 3 else "z")]
     if d == 3:
-        moment = -np.cross(x, force).sum(axis=0)
+        wanted = -np.cross(x, force).sum(axis=0)
         centre = at + np.array([20.0, 20.0, 0.0])
-        arms = x - centre
-        torque = -np.cross(arms, force).sum(axis=0)[2]
+        torque = -np.cross(x - centre, force).sum(axis=0)[2]
         about = result.contact_moment("foot", about=centre)[-1]
-        assert about[2] == pytest.approx(torque, abs=1e-9 * sizes)
+        assert about[2] == pytest.approx(torque, abs=within)
+        names, values = [*names, "torque of foot"], [*wanted, torque]
     else:
-        moment = -np.array([x[:, 0] @ force[:, 1] - x[:, 1] @ force[:, 0]])
-        torque = None
-    np.testing.assert_allclose(
-        result.contact_moment("foot")[-1], moment, atol=1e-9 * sizes
-    )
+        wanted = -np.array([x[:, 0] @ force[:, 1] - x[:, 1] @ force[:, 0]])
+        values = wanted.tolist()
+    near(result.contact_moment("foot")[-1], wanted, within)
     m.to_toml("b.toml")
     assert bipot("run", "b.toml", "--out", "out")[0] == 0
-    with Path("out/steps.csv").open() as file:
-        (row,) = csv.DictReader(file)
-    names = [f"moment_{axis}" for axis in ("xyz" if d == 3 else "z")]
-    values = [float(row[f"{name} of foot"]) for name in names]
-    np.testing.assert_allclose(values, moment, atol=1e-9 * sizes)
-    if torque is not None:
-        assert float(row["torque of foot"]) == pytest.approx(torque, abs=1e-9 * sizes)
-    table = result.table()
-    columns = table.columns if hasattr(table, "columns") else table.dtype.names
-    assert ("torque of foot" in columns) == (d == 3)
+    (row,) = rows_of("out")
+    near([float(row[name]) for name in names], values, within)
+    assert ("torque of foot" in columns_of(result)) == (d == 3)
+
+
+def rows_of(folder: str) -> list[dict[str, str]]:
+    with (Path(folder) / "steps.csv").open() as file:
+        return list(csv.DictReader(file))
 
 
 def test_a_body_of_revolution_has_no_moments(bipot: Any) -> None:
-    m = bp.Model.from_toml("pressed_block").with_(
-        **{"mesh.n": 4, "body.block.plane": "axisymmetric"}
-    )
+    changes = {"mesh.n": 4, "body.block.plane": "axisymmetric"}
+    m = bp.Model.from_toml("pressed_block").with_(**changes)
     result = m.solve()
-    assert not [name for name in columns_of(result) if "moment" in name]
     with refused("cancel around its axis"):
         result.contact_moment("block.bottom")
     m.to_toml("ring.toml")
-    assert bipot("run", "ring.toml", "--out", "out", "--plot")[0] == 0
-    assert "moment" not in Path("out/steps.csv").read_text()
-    assert not [n for n in columns_of(bp.load("out/result.h5")) if "moment" in n]
+    assert bipot("run", "ring.toml", "--out", "out")[0] == 0
+    columns = columns_of(result) + columns_of(bp.load("out/result.h5"))
+    assert not [name for name in columns + list(rows_of("out")[0]) if "moment" in name]
 
 
 def columns_of(result: Any) -> list[str]:
@@ -137,38 +128,32 @@ def test_names_of_contacts() -> None:
     (name,) = m.contacts
     assert name == "upper.bottom"
     result = m.solve()
-    np.testing.assert_array_equal(
-        result.contacts_of("upper.bottom"), np.arange(result.reaction.shape[1])
-    )
+    every = np.arange(result.reaction.shape[1])
+    np.testing.assert_array_equal(result.contacts_of("upper.bottom"), every)
     with refused(r"no contact on 'upper.top', expected one of"):
         result.contact_force("upper.top")
     with refused(r"expected one of lower\.bottom"):
         result.support_force("upper.bottom")
-
-
-def test_several_contacts_of_one_surface() -> None:
-    """Left and right halves on two planes: one name, and both tables."""
-    m = bp.Model.from_toml("pressed_block").with_(**{"mesh.n": 4})
-    table = m.to_dict()
-    m = m.with_(**{"contact.0.within": {"x": [0.0, 15.0]}})
-    more = table["contact"][0] | {"within": {"x": [16.0, 40.0]}, "mu": 0.5}
-    m.contact(more.pop("on"), **more)
-    case = m.assemble()
-    assert sorted(set(case.model.group.tolist())) == [0, 1]
-    np.testing.assert_array_equal(m.contacts["block.bottom"], np.arange(5))
+    # A result keeps its names, and so its forces, through a pickle.
+    assert result.displacement.any()
+    again = pickle.loads(pickle.dumps(result))
+    for name in ("upper.top", "lower.bottom"):
+        ours, theirs = (r.support_force(name).tobytes() for r in (result, again))
+        assert ours == theirs
 
 
 def test_contacts_with_names(bipot: Any) -> None:
     """Two contacts of one surface: names in tables, files, options and keys."""
     m = bp.Model.from_toml("pressed_block").with_(**{"mesh.n": 4})
-    first = {"contact.0.within": {"x": [0.0, 15.0]}, "contact.0.name": "left"}
-    m = m.with_(**first)
-    more = m.to_dict()["contact"][0] | {"within": {"x": [16.0, 40.0]}, "name": "right"}
+    m = m.with_(**{"contact.0.within": {"x": [0.0, 15.0]}})
+    more = m.to_dict()["contact"][0] | {"within": {"x": [16.0, 40.0]}}
     m.contact(more.pop("on"), **more)
+    # Without names, the surface is both.
+    np.testing.assert_array_equal(m.contacts["block.bottom"], np.arange(5))
+    m = m.with_(**{"contact.0.name": "left", "contact.1.name": "right"})
     np.testing.assert_array_equal(m.contacts["right"], np.arange(2, 5))
     changed = m.with_(**{"contact.*.mu": 0.2, "contact.right.mu": 0.5})
-    mus = [contact.mu for contact in changed.scene.contact]
-    assert mus == [0.2, 0.5]
+    assert [contact.mu for contact in changed.scene.contact] == [0.2, 0.5]
     result = changed.solve()
     both = result.contact_force("left") + result.contact_force("right")
     np.testing.assert_array_equal(both, result.contact_force("block.bottom"))
@@ -176,15 +161,14 @@ def test_contacts_with_names(bipot: Any) -> None:
     m.to_toml("two.toml")
     keys = ("--set", "contact.*.mu=0.2", "--set", "contact.right.mu=0.5")
     assert bipot("run", "two.toml", *keys, "--out", "out")[0] == 0
-    with Path("out/steps.csv").open() as file:
-        (row, *_) = csv.DictReader(file)
-    force = float(row["normal_force of right"])
+    force = float(rows_of("out")[0]["normal_force of right"])
     assert force == pytest.approx(result.contact_force("right")[0, 1], rel=1e-9)
     assert bipot("plot", "out", "--contact", "right")[0] == 0
     status, _, err = bipot("plot", "out", "--on", "rigth")
     assert status == 2
     assert "expected one of left, right, did you mean 'right'?" in err
-    assert bipot("sweep", "two.toml", "--set", "contact.right.mu=0.1,0.5")[0] == 0
+    one = ("--set", "contact.right.mu=0.1,0.5", "--jobs", "1")
+    assert bipot("sweep", "two.toml", *one)[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -200,22 +184,10 @@ def test_wrong_names_of_contacts(names: list[str], said: str) -> None:
     (table,) = m.to_dict()["contact"]
     m.contact(**table)
     m = m.with_(**{f"contact.{k}.name": name for k, name in enumerate(names)})
-    with pytest.raises(scene.SceneError, match=re.escape(said)):
+    with refused(re.escape(said)):
         _ = m.scene
-    with pytest.raises(
-        scene.SceneError, match=r"contact.1; none is 'b', expected one of "
-    ):
+    with refused(r"contact.1; none is 'b', expected one of "):
         m.with_(**{"contact.b.mu": 0.1})
-
-
-def test_a_result_keeps_its_names_through_a_pickle() -> None:
-    result = blocks().solve()
-    assert result.displacement.any()
-    again = pickle.loads(pickle.dumps(result))
-    for name in ("upper.top", "lower.bottom"):
-        assert (
-            again.support_force(name).tobytes() == result.support_force(name).tobytes()
-        )
 
 
 @pytest.mark.parametrize("name", scene.shipped())
@@ -265,7 +237,7 @@ NAMES = st.text(
     st.integers(1, 5),
 )
 @example(["|", "|one"], {"|many": (1.0, 0.1)}, [1.0], 2)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_random_models_there_and_back(
     bodies: list[str], materials: Any, factors: list[float], n: int
 ) -> None:
@@ -284,22 +256,15 @@ def test_random_models_there_and_back(
     assert again.scene == m.scene
 
 
-@pytest.mark.parametrize(
-    ("key", "said"),
-    [
-        ("contact.\u00b2.mu", "contact is a list of 1 entry, expected contact.0"),
-        ("contact.\u0663.mu", "contact is a list of 1 entry, expected contact.0"),
-        (
-            "contact." + "9" * 5000 + ".mu",
-            "contact is a list of 1 entry, expected contact.0",
-        ),
-        ("contact.1.mu", "contact is a list of 1 entry, expected contact.0"),
-        ("spring.0.normal", "spring has no entries"),
-    ],
-)
-def test_wrong_indices_of_list_entries(key: str, said: str) -> None:
-    m = bp.Model.from_toml("pressed_block")
-    m._table["spring"] = []
+@pytest.mark.parametrize("index", ["\u00b2", "\u0663", "9" * 5000, "1", ""])
+def test_wrong_indices_of_list_entries(index: str) -> None:
+    m = bp.Model.from_toml("pressed_block").with_(spring=[])
+    key, said = (
+        f"contact.{index}.mu",
+        "contact is a list of 1 entry, expected contact.0",
+    )
+    if not index:
+        key, said = "spring.0.normal", "spring has no entries"
     with pytest.raises(scene.SceneError) as caught:
         m.with_(**{key: 0.5})
     (mistake,) = caught.value.mistakes
@@ -308,42 +273,35 @@ def test_wrong_indices_of_list_entries(key: str, said: str) -> None:
 
 def test_lone_surrogates_are_refused(tmp_path: Path) -> None:
     """Half of a surrogate pair, as in strings from file names of other systems."""
-    half = "caf\udce9"
-    m = blocks()
+    half, m = "caf\udce9", blocks()
     m._table["title"] = half
     with pytest.raises(UnicodeEncodeError):
         m.to_toml(tmp_path / "scene.toml")
     assert not list(tmp_path.iterdir())
-    with pytest.raises(scene.SceneError, match="surrogates not allowed"):
+    with refused("surrogates not allowed"):
         bp.Model.from_toml(f'title = "{half}"\n[mesh]\n')
-    with pytest.raises(scene.SceneError, match="surrogates not allowed"):
+    with refused("surrogates not allowed"):
         scene.read("pressed_block", [f"title={half}"])
 
 
 def test_mistakes_give_the_messages_of_the_file(tmp_path: Path) -> None:
-    m = blocks()
-    m.material("wood", young=-1.0, poisson=0.7)
-    m.support("upper.top", w=3)
-    m.contact("upper.bottom", mu="much")
-    m.traction("upper.top", y=m.times("x", "shear"))
-    m.to_toml(tmp_path / "wrong.toml")
-    with refused("has 5 mistakes") as of_model:
-        m.solve()
-    with pytest.raises(ValueError) as of_file:
-        scene.read(str(tmp_path / "wrong.toml"))
-    assert of_model.value.mistakes == of_file.value.mistakes
-    assert any(m.key == "support.2.w" for m in of_model.value.mistakes)
+    one, other = blocks(), blocks()
+    one.material("wood", young=-1.0, poisson=0.7)
+    one.support("upper.top", w=3)
+    one.contact("upper.bottom", mu="much")
+    one.traction("upper.top", y=one.times("x", "shear"))
     # Mistakes that involve several tables give the same messages.
-    m = blocks()
-    m.contact("upper.under", plane={"point": [0, 0, 0], "normal": [0, 0]}, mu=0.1)
-    m.body("a.b", material="tin", cell="triangle", x=[0, 1], y=[1, 0])
-    m.to_toml(tmp_path / "wrong.toml")
-    with pytest.raises(ValueError) as of_model:
-        m.assemble()
-    with pytest.raises(ValueError) as of_file:
-        scene.read(str(tmp_path / "wrong.toml"))
-    assert of_model.value.mistakes == of_file.value.mistakes
-    assert len(of_model.value.mistakes) == 6
+    plane = {"point": [0, 0, 0], "normal": [0, 0]}
+    other.contact("upper.under", plane=plane, mu=0.1)
+    other.body("a.b", material="tin", cell="triangle", x=[0, 1], y=[1, 0])
+    for m, count in ((one, 5), (other, 6)):
+        m.to_toml(tmp_path / "wrong.toml")
+        with refused(f"has {count} mistakes") as of_model:
+            m.solve()
+        with pytest.raises(ValueError) as of_file:
+            scene.read(str(tmp_path / "wrong.toml"))
+        assert of_model.value.mistakes == of_file.value.mistakes
+        assert len(of_model.value.mistakes) == count
 
 
 def test_mistakes_reported_by_the_call_itself() -> None:
@@ -369,43 +327,34 @@ def test_interrupted_result_continues(tmp_path: Path) -> None:
         m.solve(max_iterations=1, method="uzawa")
     assert stopped.value.result.contact_force("upper.bottom").shape == (0, 2)
 
-    class Stopped(Exception):
-        pass
+    def stop(*_: Any) -> None:
+        raise ZeroDivisionError
 
-    def stop(k: int, step: Any) -> None:
-        steps.append(step)
-        if k == 0:
-            raise Stopped
-
-    steps: list[Any] = []
-    with pytest.raises(Stopped):
+    with pytest.raises(ZeroDivisionError):
         m.solve(on_step=stop)
-    whole[0].displacement  # noqa: B018 - kept by the step, and so in the file
-    part = bp.ModelResult(whole, whole.case)
-    part.steps = part.steps[:1]
-    part.save(tmp_path / "part.h5")
-    rest = m.solve(start=bp.load(tmp_path / "part.h5"))
+
+    def through_a_file(result: Any, first: int) -> Any:
+        """The first step of a result, which knows how many were before."""
+        result[0].displacement  # noqa: B018 - kept by the step, and so in the file
+        part = bp.ModelResult(result, result.case, first)
+        part.steps = part.steps[:1]
+        part.save(tmp_path / "part.h5")
+        return bp.load(tmp_path / "part.h5")
+
+    rest = m.solve(start=through_a_file(whole, 0))
     assert rest.reaction.tobytes() == whole.reaction[1:].tobytes()
     assert rest.parameter.tolist() == [0.5, 1.0]
     assert len(m.solve(start=rest)) == 0
     # If it is interrupted again, the file counts the steps before its own.
-    part = bp.ModelResult(rest, rest.case, 1)
-    rest[0].displacement  # noqa: B018
-    part.steps = part.steps[:1]
-    part.save(tmp_path / "again.h5")
-    last = m.solve(start=bp.load(tmp_path / "again.h5"))
+    last = m.solve(start=through_a_file(rest, 1))
     assert last.reaction.tobytes() == whole.reaction[2:].tobytes()
     with refused(r"start has 3 steps, but this path only 2"):
         blocks().solve(start=whole)
     with pytest.raises(TypeError, match="start is a Step, expected a Result"):
         m.solve(start=whole[0])
-
-
-def test_a_start_from_another_path_is_refused() -> None:
-    plain_blocks, other = blocks(), blocks(shear=[0.0, 0.5])
-    whole = other.solve()
+    other = blocks(shear=[0.0, 0.5]).solve()
     with refused(r"its (load|prescribed) is not that of load step 2"):
-        plain_blocks.solve(start=whole)
+        blocks().solve(start=other)
 
 
 def test_the_schema_of_the_scene_is_json() -> None:

@@ -1,8 +1,7 @@
 """The shipped scenes compared with their references, and mistakes in scene files."""
 
 import json
-import os
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from bipot_rs import scene
+from bipot_rs import analytic, scene
 from bipot_rs.scene.schema.mesh import Axis
 from support import places
-from support.comparisons import near
+from support.comparisons import near, refused
 from support.faulty_scenes import MISTAKES
 
 DATA = places.DATA
@@ -23,11 +22,15 @@ LETTER = {"pressed_block": "A", "sheared_cube": "B", "two_blocks": "D"}
 Floats = NDArray[np.float64]
 
 
+def assembled(name: str, *settings: str) -> scene.Case:
+    read = scene.read(name, settings)
+    return scene.assemble(read, scene.bodies(read))
+
+
 def solve(name: str, *settings: str, **options: Any) -> tuple[scene.Case, Any]:
     """Case and result of a scene, by default with its own tolerance."""
-    read = scene.read(name, settings)
-    case = scene.assemble(read, scene.bodies(read))
-    options.setdefault("tol", read.solver.tol)
+    case = assembled(name, *settings)
+    options.setdefault("tol", scene.read(name, settings).solver.tol)
     return case, case.model.problem().solve(case.load, case.prescribed, **options)
 
 
@@ -74,26 +77,23 @@ def test_reference(name: str, n: int) -> None:
     [("cattaneo_mindlin", 5), ("cattaneo_mindlin", 10), ("cyclic_cube", 5)],
 )
 @pytest.mark.quick_variants("cattaneo_mindlin-5")
-def test_second_route(name: str, n: int, repository: Path, tmp_path: Path) -> None:
+def test_second_route(
+    name: str,
+    n: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """Independent code from the mesh on: SciPy's factorisation, a Newton method."""
     case, result = solve(name, f"mesh.n={n}")
     assert np.all(result.residual <= 1e-12)
-    answer = tmp_path / "peer.npz"
-    run = subprocess.run(
-        [
-            sys.executable,
-            str(repository / "benches" / "peers" / "with_scipy.py"),
-            name,
-            str(n),
-            f"--save={answer}",
-            "--tol=1e-12",
-        ],
-        check=True,
-        capture_output=True,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-    )
+    answer, program = tmp_path / "peer.npz", places.ROOT / "benches/peers/with_scipy.py"
+    arguments = [str(program), name, str(n), f"--save={answer}", "--tol=1e-12"]
+    monkeypatch.syspath_prepend(program.parent)
+    monkeypatch.setattr(sys, "argv", arguments)
+    runpy.run_path(str(program), run_name="__main__")
     peer = np.load(answer)
-    assert json.loads(run.stdout)["contacts"] == len(peer["x"])
+    assert json.loads(capsys.readouterr().out)["contacts"] == len(peer["x"])
     distance, order = cKDTree(case.model.points).query(peer["x"])
     assert distance.max() <= 1e-12 * np.ptp(peer["x"])
     # Both residuals are below 1e-12; the conditions of W here are below 1e4.
@@ -119,26 +119,18 @@ def test_cattaneo_mindlin_approaches_the_closed_form() -> None:
     """Pressure and shear of two equal round bodies, for the discrete load."""
     n, radius, mu = 20, 100.0, 0.3
     case, result = solve("cattaneo_mindlin", f"mesh.n={n}")
-    e_star = 210000.0 / (2 * (1 - 0.3**2))
+    e_star = analytic.contact_modulus(210000.0, 0.3, 210000.0, 0.3)
     x = case.model.points[:, 0]
     p, q = (result.reaction[-1] / case.model.area[:, None]).T
     P, Q = result.reaction[-1].sum(axis=0)
-    a = np.sqrt(4 * P * radius / (np.pi * e_star))
-    p0 = 2 * P / (np.pi * a)
-    c = a * np.sqrt(1 - abs(Q) / (mu * P))
-
-    def ellipse(width: float) -> Floats:
-        return np.sqrt(np.maximum(0, 1 - (x / width) ** 2))
-
-    exact_p = p0 * ellipse(a)
-    exact_q = np.sign(Q) * mu * p0 * (ellipse(a) - c / a * ellipse(c))
+    a, c, p0 = analytic.cattaneo_mindlin_line(P, abs(Q), radius, e_star, mu)
+    exact_p = analytic.hertz_pressure(x, a, p0)
+    exact_q = np.sign(Q) * analytic.partial_slip_traction(x, a, c, p0, mu)
     # At n = 40 the errors 0.3 % and 0.9 % come from the finite blocks. At n = 20 the ends of
     # the zones, where the tractions are square roots, are resolved to h/2 = 0.0125 for
     # a = 1: √(0.025) of the peak over two cells, 1 % in the mean square.
-    error_p = np.linalg.norm(p - exact_p) / np.linalg.norm(exact_p)
-    error_q = np.linalg.norm(q - exact_q) / np.linalg.norm(exact_q)
-    assert error_p <= 0.01
-    assert error_q <= 0.03
+    assert np.linalg.norm(p - exact_p) <= 0.01 * np.linalg.norm(exact_p)
+    assert np.linalg.norm(q - exact_q) <= 0.03 * np.linalg.norm(exact_q)
     # Open outside, slip in a ring, stick in the middle.
     status = result.status[-1][np.argsort(x)]
     middle = len(x) // 2
@@ -150,27 +142,12 @@ def test_cattaneo_mindlin_approaches_the_closed_form() -> None:
     assert stuck.max() == pytest.approx(c, abs=1.5 * 0.5 / n)
 
 
-def test_shipped_names() -> None:
-    assert scene.shipped() == [
-        "cattaneo_mindlin",
-        "cyclic_cube",
-        "drawn_sheet",
-        "pressed_block",
-        "pushed_punch",
-        "raous_plate",
-        "sheared_cube",
-        "twisted_pad",
-        "two_blocks",
-    ]
-
-
 @pytest.mark.parametrize(
     ("name", "n", "dofs", "contacts", "steps"),
     [
         ("pressed_block", 32, 2178, 33, 1),
         ("sheared_cube", 15, 12288, 256, 2),
         ("cattaneo_mindlin", 10, 7220, 61, 2),
-        ("cattaneo_mindlin", 40, 50720, 241, 2),
         ("two_blocks", 8, 2430, 81, 2),
         ("cyclic_cube", 9, 3000, 100, 41),
         ("raous_plate", 32, 2178, 32, 5),
@@ -182,53 +159,54 @@ def test_shipped_names() -> None:
 def test_size_of_shipped_scenes(
     name: str, n: int, dofs: int, contacts: int, steps: int
 ) -> None:
-    settings = [] if name != "cattaneo_mindlin" or n == 10 else [f"mesh.n={n}"]
-    read = scene.read(name, settings)
+    assert name in scene.shipped()
+    assert len(scene.shipped()) == 9
+    read = scene.read(name)
     assert read.mesh is not None
     assert read.mesh.n == n
-    case = scene.assemble(read, scene.bodies(read))
+    case = assembled(name)
     assert (case.model.n, len(case.model.gap)) == (dofs, contacts)
     assert case.prescribed.shape == (steps, len(case.model.fixed))
     assert case.parameter.shape == (steps,)
 
 
 def test_cyclic_path() -> None:
-    read = scene.read("cyclic_cube", ["mesh.n=2"])
-    case = scene.assemble(read, scene.bodies(read))
+    case = assembled("cyclic_cube", "mesh.n=2")
     top = case.model.fixed % 3 == 0
-    k = np.arange(41)
     # First pressing alone, then forty steps of the sine.
+    sine = 0.025 * np.sin(2 * np.pi * np.arange(41) / 20)
     # The phase, up to 4π, is rounded: 4π ε of the amplitude.
-    near(
-        case.prescribed[:, top].T,
-        np.tile(0.025 * np.sin(2 * np.pi * k / 20), (9, 1)),
-        0.025 * 4 * np.pi * 2.3e-16,
-    )
+    near(case.prescribed[:, top].T, np.tile(sine, (9, 1)), 0.025 * 4 * np.pi * 2.3e-16)
 
 
-def test_a_ramp_takes_any_number_of_steps() -> None:
-    for steps in (1, 4):
-        read = scene.read("raous_plate", ["mesh.n=2", f"path.steps={steps}"])
-        case = scene.assemble(read, scene.bodies(read))
-        # Quarters are exact in binary.
-        np.testing.assert_array_equal(case.parameter, np.arange(1, steps + 1) / steps)
-        assert case.load is not None
-        np.testing.assert_array_equal(case.load[0] * steps, case.load[-1])
+@pytest.mark.parametrize("steps", [1, 4])
+def test_a_ramp_takes_any_number_of_steps(steps: int) -> None:
+    case = assembled("raous_plate", "mesh.n=2", f"path.steps={steps}")
+    # Quarters are exact in binary.
+    np.testing.assert_array_equal(case.parameter, np.arange(1, steps + 1) / steps)
+    assert case.load is not None
+    np.testing.assert_array_equal(case.load[0] * steps, case.load[-1])
 
 
-def test_graded_grid() -> None:
-    axis = Axis.model_validate({"from": 0.0, "to": 10.0, "cell": 1.0, "growth": 2.0})
-    # 0 1 3 7 15 → clipped to 10; the last cell of 3 is not below half of 4.
-    np.testing.assert_array_equal(axis.grid(None), [0, 1, 3, 7, 10])
-    axis = Axis.model_validate({"from": 0.0, "to": -8.0, "cell": 1.0, "growth": 2.0})
-    # The last cell would be 1, below half of 4: its inner point is removed.
-    np.testing.assert_array_equal(axis.grid(None), [-8, -3, -1, 0])
-    axis = Axis.model_validate(
-        {"from": -8.0, "to": 4.0, "cell": 1.0, "uniform": [-1.0, 1.0], "growth": 2.0}
-    )
-    # From -1: cells of 2, 4, then a rest of 1, which is below half of 4. From 1: a cell of
-    # 2, then a rest of 1, which is half of 2 and stays.
-    np.testing.assert_array_equal(axis.grid(2), [-8, -3, -1, 0, 1, 3, 4])
+@pytest.mark.parametrize(
+    ("axis", "n", "grid"),
+    [
+        # 0 1 3 7 15 → clipped to 10; the last cell of 3 is not below half of 4.
+        ({"from": 0.0, "to": 10.0}, None, [0, 1, 3, 7, 10]),
+        # The last cell would be 1, below half of 4: its inner point is removed.
+        ({"from": 0.0, "to": -8.0}, None, [-8, -3, -1, 0]),
+        # From -1: cells of 2, 4, then a rest of 1, which is below half of 4. From 1: a
+        # cell of 2, then a rest of 1, which is half of 2 and stays.
+        (
+            {"from": -8.0, "to": 4.0, "uniform": [-1.0, 1.0]},
+            2,
+            [-8, -3, -1, 0, 1, 3, 4],
+        ),
+    ],
+)
+def test_graded_grid(axis: dict[str, Any], n: int | None, grid: list[int]) -> None:
+    made = Axis.model_validate({"cell": 1.0, "growth": 2.0} | axis).grid(n)
+    np.testing.assert_array_equal(made, grid)
 
 
 @pytest.mark.parametrize(("settings", "problems"), MISTAKES)
@@ -249,8 +227,8 @@ def test_numbers_of_a_setting_may_lack_a_digit(value: str) -> None:
 
 def test_cohesion_of_a_scene_is_a_stress() -> None:
     """All contacts of a face of 100 mm × 100 mm carry 0.3 MPa times its area; corners a quarter."""
-    read = scene.read("sheared_cube", ["mesh.n=3", "contact.0.cohesion=0.3"])
-    cohesion = scene.assemble(read, scene.bodies(read)).model.cohesion
+    settings = ("mesh.n=3", "contact.0.cohesion=0.3")
+    cohesion = assembled("sheared_cube", *settings).model.cohesion
     # Rounding of sixteen terms.
     assert cohesion.sum() == pytest.approx(0.3 * 100.0 * 100.0, rel=1e-14)
     assert cohesion.max() == pytest.approx(4 * cohesion.min(), rel=1e-14)
@@ -259,40 +237,34 @@ def test_cohesion_of_a_scene_is_a_stress() -> None:
 def test_suggestions_for_keys_that_exist_elsewhere() -> None:
     """A key is looked for elsewhere in the scene, with one search for all mistakes."""
     table = scene.parse("sheared_cube", scene.text("sheared_cube"))
-    contact = table["contact"][0]
-    table["contact"] = [
-        contact | {"cells": 3, "young": 1, "zzz": k} for k in range(300)
-    ]
+    wrong = table["contact"][0] | {"cells": 3, "young": 1}
+    table["contact"] = [wrong | {"zzz": k} for k in range(300)]
     table["body"]["cube"]["zzz"] = 1
     with pytest.raises(scene.SceneError) as caught:
         scene.check("mine", table)
-    messages = [str(mistake) for mistake in caught.value.mistakes]
+    messages = "\n".join(str(mistake) for mistake in caught.value.mistakes)
     (young,) = (f"material.{name}.young" for name in table["material"])
+    cells = " or ".join(f"body.cube.{axis}.cells" for axis in "xyz")
     for k in (0, 299):
-        assert f"contact.{k}.young: unknown key, did you mean {young}?" in messages
-        near = (
-            "did you mean body.cube.x.cells or body.cube.y.cells or body.cube.z.cells?"
-        )
-        assert f"contact.{k}.cells: unknown key, {near}" in messages
-        (meant,) = (line for line in messages if line.startswith(f"contact.{k}.zzz: "))
-        assert meant.startswith(
-            f"contact.{k}.zzz: unknown key, expected one of on, name, mu"
-        )
+        for key, said in (
+            ("young", f"did you mean {young}?"),
+            ("cells", f"did you mean {cells}?"),
+            ("zzz", "expected one of on, name, mu"),
+        ):
+            assert f"contact.{k}.{key}: unknown key, {said}" in messages
 
 
 def test_files_that_are_not_scenes(tmp_path: Path) -> None:
-    with pytest.raises(scene.SceneError, match="neither a file nor one of cattaneo"):
+    with refused("neither a file nor one of cattaneo"):
         scene.read("nothing")
     broken = tmp_path / "broken.toml"
     broken.write_text("[mesh\nn = 3")
-    with pytest.raises(scene.SceneError, match=r"is not TOML: .*line 1"):
+    with refused(r"is not TOML: .*line 1"):
         scene.read(str(broken))
-
-
-def test_mistakes_found_on_the_mesh() -> None:
-    read = scene.read("two_blocks", ["body.lower.x.to=90.0"])
-    with pytest.raises(scene.SceneError, match="do not match"):
-        scene.assemble(read, scene.bodies(read))
+    with refused(r"mesh.element: should be 'P1', 'Q1'"):
+        scene.read("pressed_block", ["mesh.element=P3"])
+    with refused("do not match"):
+        assembled("two_blocks", "body.lower.x.to=90.0")
 
 
 def test_loads_of_a_scene() -> None:
@@ -304,90 +276,85 @@ def test_loads_of_a_scene() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "settings"),
+    ("name", "n"),
     [
-        ("pressed_block", ["mesh.n=8"]),
-        ("sheared_cube", ["mesh.n=3"]),
-        ("two_blocks", ["mesh.n=4"]),
-        ("cattaneo_mindlin", ["mesh.n=5"]),
+        ("pressed_block", 8),
+        ("sheared_cube", 3),
+        ("two_blocks", 4),
+        ("cattaneo_mindlin", 5),
     ],
 )
-def test_linear_cells_on_the_same_grid(name: str, settings: list[str]) -> None:
-    case, result = solve(name, *settings)
-    linear, other = solve(name, *settings, "mesh.element=P1")
+def test_linear_cells_on_the_same_grid(name: str, n: int) -> None:
+    case, result = solve(name, f"mesh.n={n}")
+    linear, other = solve(name, f"mesh.n={n}", "mesh.element=P1")
     # The same nodes, supports and contacts; the areas add up to the same surface.
-    np.testing.assert_array_equal(linear.model.nodes, case.model.nodes)
-    np.testing.assert_array_equal(linear.model.fixed, case.model.fixed)
-    np.testing.assert_array_equal(linear.model.points, case.model.points)
+    for field in ("nodes", "fixed", "points"):
+        ours, theirs = getattr(linear.model, field), getattr(case.model, field)
+        np.testing.assert_array_equal(ours, theirs)
     assert linear.model.area.sum() == pytest.approx(case.model.area.sum(), rel=1e-13)
     assert {kind for kind, _ in linear.model.cells} <= {"triangle", "tetra"}
     if case.load is not None:
         # Loads on edges are equal; in space the two triangles of a square differ from it.
         np.testing.assert_allclose(linear.load, case.load, atol=1e-12 * case.load.max())
-    # Stiffer than with more functions: more energy for the same displacements.
-    energy = [
-        0.5 * r.displacement[0] @ (c.model.K @ r.displacement[0])
-        for c, r in ((case, result), (linear, other))
-    ]
+    # Stiffer than with more functions: more energy for the same displacements. Coarse
+    # meshes differ by 3 to 10 %, with discretisation errors of 10 to 30 %.
+    assert energy(linear, other) == pytest.approx(energy(case, result), rel=0.1)
     force = [abs(r.reaction[0, :, 0].sum()) for r in (result, other)]
-    # Coarse meshes: they differ by 3 to 10 %, with discretisation errors of 10 to 30 %.
-    assert energy[1] == pytest.approx(energy[0], rel=0.1)
     assert force[1] == pytest.approx(force[0], rel=0.1)
-    counts = [
-        [int((r.status[0] == k).sum()) for k in range(3)] for r in (result, other)
-    ]
+    counts = [np.bincount(r.status[0], minlength=3) for r in (result, other)]
     # Zones agree except for nodes at their borders.
     assert np.abs(np.subtract(*counts)).max() <= 0.25 * len(case.model.gap)
+
+
+def energy(case: scene.Case, result: Any) -> float:
+    u = result.displacement[0]
+    return float(0.5 * u @ (case.model.K @ u))
 
 
 def test_linear_cells_converge_to_the_same_solution() -> None:
     """Energies of both elements converge to each other, here with h to the power 1.5."""
     gaps = []
     for n in (4, 8, 16):
-        energies = []
-        for element in ("Q1", "P1"):
-            case, result = solve(
-                "pressed_block", f"mesh.n={n}", f"mesh.element={element}"
-            )
-            u = result.displacement[0]
-            energies.append(0.5 * u @ (case.model.K @ u))
-        gaps.append(abs(energies[1] / energies[0] - 1))
+        one, other = (
+            energy(*solve("pressed_block", f"mesh.n={n}", f"mesh.element={element}"))
+            for element in ("Q1", "P1")
+        )
+        gaps.append(abs(other / one - 1))
     # The energy error of each decreases with h² or, at the ends of contact, more slowly.
     assert gaps[0] / gaps[1] > 2**1.5
     assert gaps[1] / gaps[2] > 2**1.5
 
 
-def test_triangles_of_a_scene_keep_the_given_element() -> None:
-    scene_path = scene.read("pressed_block", ["body.block.cell=triangle", "mesh.n=2"])
-    by_mesh = scene.read("pressed_block", ["mesh.element=P1", "mesh.n=2"])
-    back = scene.read(
-        "pressed_block", ["body.block.cell=triangle", "mesh.n=2", "mesh.element=Q1"]
-    )
-    kinds = [scene.bodies(read)[0].kind.of_mesh for read in (scene_path, by_mesh, back)]
-    assert kinds == ["MeshTri1", "MeshTri1", "MeshQuad1"]
+@pytest.mark.parametrize(
+    ("settings", "kind"),
+    [
+        (["body.block.cell=triangle"], "MeshTri1"),
+        (["mesh.element=P1"], "MeshTri1"),
+        (["body.block.cell=triangle", "mesh.element=Q1"], "MeshQuad1"),
+    ],
+)
+def test_triangles_of_a_scene_keep_the_given_element(
+    settings: list[str], kind: str
+) -> None:
+    read = scene.read("pressed_block", ["mesh.n=2", *settings])
+    assert scene.bodies(read)[0].kind.of_mesh == kind
 
 
-def test_unknown_element_is_refused() -> None:
-    with pytest.raises(scene.SceneError, match=r"mesh.element: should be 'P1', 'Q1'"):
-        scene.read("pressed_block", ["mesh.element=P3"])
-
-
-def test_halved_grids_divide_every_simplex() -> None:
+@pytest.mark.parametrize("name", ["pressed_block", "sheared_cube"])
+def test_halved_grids_divide_every_simplex(name: str) -> None:
     """Each simplex of a grid is the union of 2^d of the halved one."""
-    for name, n in (("pressed_block", 2), ("sheared_cube", 2)):
-        meshes = []
-        for size in (n, 2 * n):
-            read = scene.read(name, [f"mesh.n={size}", "mesh.element=P1"])
-            meshes.append(scene.bodies(read)[0].mesh)
-        coarse, fine = meshes
-        dim = coarse.p.shape[0]
-        centre = fine.p[:, fine.t].mean(axis=1)
-        inside = coarse.element_finder()(*centre)
-        assert np.all(np.bincount(inside) == 2**dim)
-        # No child is larger: all its corners are in the same closed simplex.
-        x = coarse.p[:, coarse.t[:, inside]].transpose(2, 1, 0)
-        matrix = np.concatenate([np.ones((*x.shape[:2], 1)), x], axis=2)
-        corners = fine.p[:, fine.t].transpose(2, 1, 0)
-        ones = np.concatenate([np.ones((*corners.shape[:2], 1)), corners], axis=2)
-        barycentric = np.linalg.solve(matrix.swapaxes(1, 2), ones.swapaxes(1, 2))
-        assert barycentric.min() >= -1e-12
+    coarse, fine = (
+        scene.bodies(scene.read(name, [f"mesh.n={n}", "mesh.element=P1"]))[0].mesh
+        for n in (2, 4)
+    )
+    inside = coarse.element_finder()(*fine.p[:, fine.t].mean(axis=1))
+    assert np.all(np.bincount(inside) == 2 ** coarse.p.shape[0])
+
+    def corners(x: Floats) -> Floats:
+        """Corners of cells ``(d, corners, cells)`` after a one, as matrices."""
+        x = x.transpose(2, 1, 0)
+        return np.concatenate([np.ones((*x.shape[:2], 1)), x], axis=2).swapaxes(1, 2)
+
+    # No child is larger: all its corners are in the same closed simplex.
+    matrix = corners(coarse.p[:, coarse.t[:, inside]])
+    assert np.linalg.solve(matrix, corners(fine.p[:, fine.t])).min() >= -1e-12

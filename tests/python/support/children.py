@@ -1,6 +1,7 @@
 """Child processes that run `bipot` or other code, with a fault at a chosen place."""
 
 import importlib
+import json
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ import bipot_rs.cli.entry
 import bipot_rs.cli.run.resume
 import bipot_rs.scene.reading
 from bipot_rs.files import export
+from support.comparisons import content
 
 # Children start with the modules loaded here, because imports take most of a run.
 export.require()
@@ -111,6 +113,25 @@ def bipot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return bipot_with(
         lambda *_: None, "bipot_rs.scene.reading:read", *arguments, cwd=cwd
     )
+
+
+def resumed(*command: str, cwd: Path) -> Path:
+    """Interrupt `bipot run ... --out here` at step 2 and resume it: the file of a whole run."""
+
+    def fault(step: int, *_: object) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    file = cwd / "here" / "result.h5"
+    assert bipot("run", *command, cwd=cwd).returncode == 0
+    whole = content(file)
+    at = "bipot_rs.contact.results.tables:make_row"
+    assert bipot_with(fault, at, "run", *command, cwd=cwd).returncode == 130
+    run = bipot("run", *command, "--resume", "--json", cwd=cwd)
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout.splitlines()[0])["step"] == 2
+    assert content(file) == whole
+    return file
 
 
 def bipot_hit_at_import(
