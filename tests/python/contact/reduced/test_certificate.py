@@ -5,7 +5,6 @@ Wrong solutions with typical programming errors are found by this check and by
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -216,45 +215,6 @@ def test_each_inequality_alone() -> None:
         # A tensile contact also violates its friction limit: μ r_n < 0.
         others = 0.5 * 0.1 if name == "pull" else 0.0
         assert missed._replace(**{name: 0.0}).worst == pytest.approx(others, abs=1e-15)
-
-
-# μ of the paths: the largest shear is just below the friction limit of the whole block.
-MU = 0.3
-
-
-def _path(d: int) -> tuple[Any, Array]:
-    """A block pressed on a plane and sheared forth and back."""
-    body = block([2.0, 1.0, 1.0][:d], [5, 3, 2][:d], 10.0, 0.3)
-    top = 1.0
-    press = body.traction(d - 1, top, [0.0] * (d - 1) + [-1.0])
-    shear = body.traction(d - 1, top, [1.0] + [0.0] * (d - 1))
-    amounts = [(1.0, 0.0), (1.0, 0.25), (0.8, 0.1), (1.2, -0.33), (0.5, 0.0)]
-    return body, np.array([p * press + s * shear for p, s in amounts])
-
-
-@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "nesterov"])
-@pytest.mark.parametrize("d", [2, 3])
-def test_every_step_of_a_path_is_confirmed_from_K_and_B(d: int, method: str) -> None:
-    body, loads = _path(d)
-    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU)
-    result = problem.solve(loads, method=method, tol=1e-11)
-    seen = set(result.status.ravel().tolist())
-    assert seen >= {1, 2}
-    compliance = problem.compliance.diagonal().reshape(-1, d).mean(axis=1)
-    total, before = result.displacement, np.zeros(body.K.shape[0])
-    for k, u in enumerate(total):
-        r = result.reaction[k]
-        rest = body.K @ u - loads[k] - body.B.T @ r.ravel()
-        # η of the balance of a body held by contact alone, and the rounding of K u.
-        assert np.abs(rest).max() <= 1e-10 * np.abs(loads[k]).max()
-        # Total normal displacement, tangential increment of the step.
-        v = (body.B @ u).reshape(-1, d)
-        v[:, 1:] = (body.B @ (u - before)).reshape(-1, d)[:, 1:]
-        free = np.abs(body.B @ u).max() * np.ones((len(v), d))
-        missed = inequalities(r, v, MU, compliance, free)
-        # η is 1e-11; u is computed with K, whose condition is below 1e4.
-        assert missed.worst <= 1e-9, (k, missed)
-        before = u
 
 
 def test_overlapping_walls_have_no_solution_if_a_body_slides_away() -> None:
