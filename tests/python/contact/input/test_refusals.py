@@ -62,21 +62,17 @@ G = good(2, 2)
 
 
 def problem(g: Good = G, **changed: Any) -> bp.ContactProblem:
-    arguments = {
-        "K": g.K,
-        "B": g.B,
-        "gap": g.gap,
-        "mu": g.mu,
-        "fixed": g.fixed,
-    } | changed
-    return bp.ContactProblem(arguments.pop("K"), arguments.pop("B"), **arguments)
+    given = {"K": g.K, "B": g.B, "gap": g.gap, "mu": g.mu, "fixed": g.fixed}
+    return bp.ContactProblem(**given | changed)
+
+
+def path(g: Good, **more: Any) -> dict[str, Any]:
+    """The loads of a step."""
+    return {"load": g.load, "prescribed": g.prescribed} | more
 
 
 def solve(g: Good = G, **changed: Any) -> bp.Result:
-    arguments = {"load": g.load, "prescribed": g.prescribed} | changed
-    return problem(g).solve(
-        arguments.pop("load"), arguments.pop("prescribed"), **arguments
-    )
+    return problem(g).solve(**path(g, **changed))
 
 
 def step(g: Good = G, **changed: Any) -> bp.ReducedProblem:
@@ -84,10 +80,7 @@ def step(g: Good = G, **changed: Any) -> bp.ReducedProblem:
 
 
 def reduced(g: Good = G, **changed: Any) -> bp.ReducedProblem:
-    arguments = {"W": g.W, "q": g.q, "mu": g.mu} | changed
-    return bp.ReducedProblem(
-        arguments.pop("W"), arguments.pop("q"), arguments.pop("mu"), **arguments
-    )
+    return bp.ReducedProblem(**{"W": g.W, "q": g.q, "mu": g.mu} | changed)
 
 
 def reduced_solve(g: Good = G, **changed: Any) -> bp.Solution:
@@ -103,8 +96,8 @@ def answers(g: Good = G, **changed: Any) -> Any:
 
 
 def whole(g: Good = G, **changed: Any) -> bp.fclib.GlobalProblem:
-    arguments = {"M": g.K, "H": g.B.T, "f": g.load, "w": g.q, "mu": g.mu} | changed
-    return bp.fclib.GlobalProblem(**arguments)
+    given = {"M": g.K, "H": g.B.T, "f": g.load, "w": g.q, "mu": g.mu}
+    return bp.fclib.GlobalProblem(**given | changed)
 
 
 def whole_residual(g: Good = G, **changed: Any) -> float:
@@ -116,17 +109,16 @@ def velocity(g: Good = G, **changed: Any) -> Any:
 
 
 def project(g: Good = G, **changed: Any) -> Any:
-    arguments = {"tau": g.q, "mu": g.mu} | changed
-    return bp.project(arguments.pop("tau"), arguments.pop("mu"), **arguments)
+    return bp.project(**{"tau": g.q, "mu": g.mu} | changed)
 
 
 def follow(g: Good = G, **changed: Any) -> Any:
-    return problem(g).follow(**{"load": g.load, "prescribed": g.prescribed} | changed)
+    return problem(g).follow(**path(g, **changed))
 
 
 def wear(g: Good = G, **changed: Any) -> Any:
-    arguments = {"load": [g.load, -g.load], "coefficient": 1e-9, "cycles": 3} | changed
-    return problem(g, area=[1.0, 1.0]).wear(arguments.pop("load"), **arguments)
+    given = {"load": [g.load, -g.load], "coefficient": 1e-9, "cycles": 3}
+    return problem(g, area=[1.0, 1.0]).wear(**given | changed)
 
 
 def jvp(g: Good = G, **changed: Any) -> Any:
@@ -146,13 +138,13 @@ def reduced_vjp(g: Good = G, **changed: Any) -> Any:
 
 
 def state(_: Good = G, **changed: Any) -> bp.State:
-    at = {"reaction": [[1.0, 0.0]], "relative_displacement": [[0.0, 0.0]]} | changed
-    return bp.State(**at)
+    at = {"reaction": [[1.0, 0.0]], "relative_displacement": [[0.0, 0.0]]}
+    return bp.State(**at | changed)
 
 
 def moving_gaps(_: Good = G, **changed: Any) -> bp.MovingGaps:
-    given = {"gap": [0.0], "frame": [np.eye(2)], "drag": [[0.0, 0.0]]} | changed
-    return bp.MovingGaps(**given)
+    given = {"gap": [0.0], "frame": [np.eye(2)], "drag": [[0.0, 0.0]]}
+    return bp.MovingGaps(**given | changed)
 
 
 def few_digits(g: Good = G, **changed: Any) -> bp.ContactProblem:
