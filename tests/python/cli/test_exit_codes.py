@@ -227,37 +227,38 @@ def test_wrong_words_have_a_message(
     assert files == [Path("file")]
 
 
-@pytest.mark.parametrize("command", ["run", "check", "info", "scenes", "schema"])
+@pytest.mark.parametrize(
+    ("place", "command"),
+    [
+        ("scene.reading.read", ("run", "two_blocks")),
+        ("cli.commands.check.check", ("check", "two_blocks")),
+        ("cli.commands.info.summarise", ("info", "two_blocks")),
+        ("scene.library.shipped", ("scenes",)),
+        ("cli.commands.schema.schema", ("schema",)),
+    ],
+)
 def test_an_internal_error_has_a_message(
-    command: str, bipot: Bipot, monkeypatch: pytest.MonkeyPatch
+    place: str, command: tuple[str, ...], bipot: Bipot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its status is not 1, as Python's own would be: 1 means that no answer exists."""
 
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("division\nby zero")
 
-    places = {
-        "run": "bipot_rs.scene.reading.read",
-        "check": "bipot_rs.cli.commands.check.check",
-        "info": "bipot_rs.cli.commands.info.summarise",
-        "scenes": "bipot_rs.scene.library.shipped",
-        "schema": "bipot_rs.cli.commands.schema.schema",
-    }
-    monkeypatch.setattr(places[command], broken)
-    name = [] if command in ("scenes", "schema") else ["two_blocks"]
-    status, out, err = bipot(command, *name)
+    monkeypatch.setattr(f"bipot_rs.{place}", broken)
+    status, out, err = bipot(*command)
     assert (status, out) == (FAULT, "")
     assert err == (
         "bipot: internal error of bipot, ZeroDivisionError: division by zero; please "
         "report it with the traceback that BIPOT_TRACEBACK=1 prints\n"
     )
-    if name:
-        status, out, err = bipot(command, *name, "--json")
+    if command[0] in JSON:
+        status, out, err = bipot(*command, "--json")
         assert (status, err) == (FAULT, "")
         assert "ZeroDivisionError" in json.loads(out)["message"]
     monkeypatch.setenv("BIPOT_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
-        call([command, *name])
+        call(list(command))
 
 
 def test_displacements_that_cannot_be_found(

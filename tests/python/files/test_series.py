@@ -10,26 +10,6 @@ import pytest
 from bipot_rs.files import series
 
 
-def test_series_for_paraview(tmp_path: Path) -> None:
-    points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-    cells = [("quad", np.array([[0, 1, 2, 3]]))]
-    steps = [
-        {"displacement": k * points, "status": np.arange(4, dtype=np.int8), "load": 1.0}
-        for k in range(3)
-    ]
-    series.write_series(tmp_path / "a.pvd", points, cells, steps)
-    entries = ET.parse(tmp_path / "a.pvd").getroot().findall("Collection/DataSet")
-    assert [e.get("file") for e in entries] == [f"a_000{k}.vtu" for k in range(3)]
-    assert [e.get("timestep") for e in entries] == ["0", "1", "2"]
-    mesh = meshio.read(tmp_path / "a_0002.vtu")
-    np.testing.assert_array_equal(mesh.points[:, :2], points)
-    np.testing.assert_array_equal(mesh.points[:, 2], 0)
-    np.testing.assert_array_equal(mesh.cells[0].data, cells[0][1])
-    assert mesh.point_data.keys() == {"displacement", "status"}
-    np.testing.assert_array_equal(mesh.point_data["displacement"][:, :2], 2 * points)
-    assert b"binary" in (tmp_path / "a_0002.vtu").read_bytes()
-
-
 @pytest.mark.parametrize("name", ["a", "a[1]", "a*", "a_0001", 'a & <"b">'])
 def test_shorter_series_replaces_a_longer_one_and_nothing_else(
     tmp_path: Path, name: str
@@ -54,17 +34,12 @@ def test_shorter_series_replaces_a_longer_one_and_nothing_else(
 
 
 def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:
-    """All number types, mixed cells."""
+    """All number types, mixed cells, points in the plane."""
     random = np.random.default_rng(0)
-    n = 9001  # # points: the last block of each array is a partial one
-    points = random.normal(size=(n, 3))
-    cells = [
-        ("tetra", random.integers(n, size=(7, 4))),
-        ("hexahedron", random.integers(n, size=(5, 8))),
-        ("triangle", random.integers(n, size=(3, 3))),
-        ("quad", random.integers(n, size=(2, 4))),
-        ("vertex", random.integers(n, size=(4, 1))),
-    ]
+    n = 9001  # points: the last block of each array is a partial one
+    points = random.normal(size=(n, 2))
+    nodes = {"tetra": 4, "hexahedron": 8, "triangle": 3, "quad": 4, "vertex": 1}
+    cells = [(k, random.integers(n, size=(7, count))) for k, count in nodes.items()]
     half = random.normal(size=(n, 3))
     half[: n // 2] = 0
     fields = {
@@ -78,10 +53,15 @@ def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:
         "whether": random.random(n) < 0.5,
     }
     names = np.full(n, "it")
-    steps = [fields | {"names": names, "other": np.zeros(n - 1)}, {}]
+    plane = {"plane": points, "load": 1.0}
+    steps = [fields | {"names": names, "other": np.zeros(n - 1)}, {}, plane]
     series.write_series(tmp_path / "a.pvd", points, cells, steps)
-    mesh = meshio.read(tmp_path / "a_0000.vtu")
-    np.testing.assert_array_equal(mesh.points, points)
+    entries = ET.parse(tmp_path / "a.pvd").getroot().findall("Collection/DataSet")
+    assert [e.get("file") for e in entries] == [f"a_000{k}.vtu" for k in range(3)]
+    assert [e.get("timestep") for e in entries] == ["0", "1", "2"]
+    mesh, nothing, last = (meshio.read(tmp_path / f"a_000{k}.vtu") for k in range(3))
+    for read in (mesh.points, last.point_data["plane"]):
+        np.testing.assert_array_equal(read, np.column_stack([points, np.zeros(n)]))
     for (kind, corners), block in zip(cells, mesh.cells, strict=True):
         assert block.type == kind
         np.testing.assert_array_equal(block.data, corners)
@@ -90,7 +70,9 @@ def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:
         np.testing.assert_array_equal(mesh.point_data[name], field)
         if name != "whether":
             assert mesh.point_data[name].dtype.kind == field.dtype.kind
-    assert meshio.read(tmp_path / "a_0001.vtu").point_data == {}
+    assert nothing.point_data == {}
+    assert last.point_data.keys() == {"plane"}
+    assert b"binary" in (tmp_path / "a_0002.vtu").read_bytes()
 
 
 def test_fields_of_cells(tmp_path: Path) -> None:

@@ -32,14 +32,6 @@ def test_printable_names_have_one_line() -> None:
     assert printable("a\nb\tc\x1b[2J\udcff") == r"a\nb\tc\x1b[2J\udcff"
 
 
-def test_messages_have_singular_and_plural() -> None:
-    with pytest.raises(ValueError, match="q has 1 dimension, expected 2"):
-        bp.ReducedProblem(np.eye(2), [-1.0, 0.2], 0.3)
-    solution = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3).solve()
-    assert solution.iterations == 1
-    assert solution.message.startswith("converged in 1 iteration (")
-
-
 def test_dense_and_sparse_are_refused_in_the_same_words() -> None:
     for wrong, told in ((np.nan, "NaN"), (-np.inf, "-inf")):
         W = np.array([[1.0, wrong], [0.0, 1.0]])

@@ -96,46 +96,28 @@ def test_facets_are_drawn_without_the_model(solid: Any, tmp_path: Path) -> None:
     again.plot("deformed", model=solid.case)
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "said"),
-    [
-        (lambda r: r.plot("slop"), ValueError, "kind is 'slop'.*mean 'slip'"),
-        (lambda r: r.plot("slip", scale=2), TypeError, "scale is no argument of"),
-        (lambda r: r.animate("a.png"), ValueError, "path is 'a.png', expected"),
-        (lambda r: r.animate("a.gif", "dissipation"), ValueError, "of all load steps"),
-        (lambda r: r.animate("a.gif", step=1), TypeError, "step cannot be given"),
-        (lambda r: r.animate("a.gif", steps=[3]), ValueError, "steps has 3, exp"),
-        (lambda r: r.animate("a.gif", steps=[]), (TypeError, ValueError), "steps"),
-        (
-            lambda r: r.animate("a.gif", frames_per_second=0),
-            ValueError,
-            "frames_per_second is 0, expected a positive",
-        ),
-        (lambda r: r.plot(limits=(1, 1)), ValueError, "limits are 1 and 1, expected"),
-        (lambda r: r.plot("deformed", box=[[0, 0]]), ValueError, "box has shape"),
-        (
-            lambda r: r.plot("deformed", box=[[0, 0], [0, 1]]),
-            ValueError,
-            "box is flat",
-        ),
-        (
-            lambda r: r.plot("deformed", near=1, box=[[0, 0], [1, 1]]),
-            ValueError,
-            "near and box are given",
-        ),
-    ],
-)
 def test_wrong_arguments_of_pictures_by_name(
-    flat: Any,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    call: Any,
-    error: Any,
-    said: str,
+    flat: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(error, match=said):
-        call(flat)
+    body, gif = (flat.plot, "deformed"), (flat.animate, "a.gif")
+    square = [[0, 0], [1, 1]]
+    for (call, *words), more, error, said in (
+        ((flat.plot, "slop"), {}, ValueError, "kind is 'slop'.*mean 'slip'"),
+        ((flat.plot, "slip"), {"scale": 2}, TypeError, "scale is no argument of"),
+        ((flat.plot,), {"limits": (1, 1)}, ValueError, "limits are 1 and 1, expected"),
+        (body, {"box": [[0, 0]]}, ValueError, "box has shape"),
+        (body, {"box": [[0, 0], [0, 1]]}, ValueError, "box is flat"),
+        (body, {"near": 1, "box": square}, ValueError, "near and box are given"),
+        ((flat.animate, "a.png"), {}, ValueError, "path is 'a.png', expected"),
+        ((*gif, "dissipation"), {}, ValueError, "of all load steps"),
+        (gif, {"step": 1}, TypeError, "step cannot be given"),
+        (gif, {"steps": [3]}, ValueError, "steps has 3, exp"),
+        (gif, {"steps": []}, (TypeError, ValueError), "steps"),
+        (gif, {"frames_per_second": 0}, ValueError, "frames_per_second is 0, expected"),
+    ):
+        with pytest.raises(error, match=said):
+            call(*words, **more)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,6 +8,7 @@ import os
 import re
 import runpy
 import shutil
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,37 +60,27 @@ def same(printed: str, shown: str) -> bool:
     Two units in the last place are allowed: half a unit for the rounding of the shown digits,
     the rest for machines that add in another order. ``...`` stands for any text.
     """
-    gaps = [
-        rf"({NUMBER.pattern})" if n % 2 else _words(part)
-        for n, part in enumerate(_parts(shown))
-    ]
-    match = re.fullmatch("".join(gaps), " ".join(printed.split()), re.DOTALL)
+    number = f"({NUMBER.pattern})"
+    # Words and numbers in turn, words first.
+    parts = re.split(number, " ".join(shown.split()))
+    pattern = "".join(number if n % 2 else _words(p) for n, p in enumerate(parts))
+    match = re.fullmatch(pattern, " ".join(printed.split()), re.DOTALL)
     return match is not None and all(
-        abs(float(there) - float(here)) <= 2 * _unit(here)
-        for there, here in zip(match.groups(), _parts(shown)[1::2], strict=True)
+        abs(Decimal(there) - Decimal(here)) <= 2 * _unit(here)
+        for there, here in zip(match.groups(), parts[1::2], strict=True)
     )
 
 
-def _parts(shown: str) -> list[str]:
-    """Words and numbers in turn, words first."""
-    text, parts, last = " ".join(shown.split()), [], 0
-    for number in NUMBER.finditer(text):
-        parts += [text[last : number.start()], number[0]]
-        last = number.end()
-    return [*parts, text[last:]]
+def _unit(number: str) -> Decimal:
+    """One unit in the last place of a number as shown; a whole number is exact."""
+    last = Decimal(number).as_tuple().exponent
+    return Decimal(10) ** last if re.search(r"[.e]", number.lower()) else Decimal(0)
 
 
 def _words(part: str) -> str:
     # Exactly three dots; a longer row of dots is part of the output.
     split = re.split(r"(?<!\.)(\.{3})(?!\.)", part)
     return "".join(".*" if word == "..." else re.escape(word) for word in split)
-
-
-def _unit(number: str) -> float:
-    """One unit in the last place of a number as shown."""
-    digits, _, power = number.lower().partition("e")
-    places = len(digits.partition(".")[2])
-    return float(10 ** (int(power or 0) - places)) if places or power else 0.0
 
 
 def anchors(text: str) -> set[str]:

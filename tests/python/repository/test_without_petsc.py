@@ -6,20 +6,10 @@ from typing import Any
 import pytest
 
 from bipot_rs.scene import assemble, bodies, read
-from support.children import child
+from support.children import child, child_without
 
-# A machine without PETSc, whatever this one has.
-_WITHOUT = """
-import sys
-class Absent:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in ("petsc4py", "mpi4py"):
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-sys.meta_path.insert(0, Absent())
-sys.argv = ["bipot", *sys.argv[1:]]
-from bipot_rs.__main__ import main
-sys.exit(main())
-"""
+PETSC = ("petsc4py", "mpi4py")
+MAIN = "from bipot_rs.__main__ import main; sys.exit(main())"
 
 
 @pytest.mark.slow
@@ -28,17 +18,17 @@ def test_the_ordinary_package_never_imports_petsc(tmp_path: Path) -> None:
         "import sys, bipot_rs.cli.run.job, bipot_rs.petsc\n"
         "[getattr(bipot_rs, name) for name in dir(bipot_rs)]\n"
         "names = {name.partition('.')[0] for name in sys.modules}\n"
-        "assert not names & {'petsc4py', 'mpi4py'}\n"
+        f"assert not names & set({PETSC})\n"
     )
     assert child(code, cwd=tmp_path).returncode == 0
-    assert child(_WITHOUT, *RUN, cwd=tmp_path).returncode == 0
+    assert child_without(PETSC, MAIN, *RUN, cwd=tmp_path).returncode == 0
 
 
 RUN = ("run", "sheared_cube", "--set", "mesh.n=2", "--out", "here")
 
 
 def test_the_engine_without_petsc_says_what_to_install(tmp_path: Path) -> None:
-    done = child(_WITHOUT, *RUN, "--engine", "petsc", cwd=tmp_path)
+    done = child_without(PETSC, MAIN, *RUN, "--engine", "petsc", cwd=tmp_path)
     assert done.returncode == 2
     for words in ("is not installed", "apt-get install", "conda"):
         assert words in done.stderr

@@ -37,6 +37,17 @@ sys.exit(main())
 """
 
 
+# Before other code: Python does not find these modules, whatever this machine has.
+_WITHOUT = """
+import sys
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {libraries!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Absent())
+"""
+
+
 def forked(
     work: Callable[[], int | None], *, cwd: Path | None = None, seconds: float = 20
 ) -> subprocess.CompletedProcess[str]:
@@ -160,6 +171,15 @@ def child(
     )
     assert "Traceback" not in run.stderr, run.stderr
     return run
+
+
+def child_without(
+    libraries: tuple[str, ...], code: str, *arguments: str, cwd: Path
+) -> subprocess.CompletedProcess[str]:
+    """Python code in a new interpreter that does not find some libraries."""
+    code = _WITHOUT.format(libraries=libraries) + code
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
 
 
 # Writing 5 resets the largest memory of the process.
