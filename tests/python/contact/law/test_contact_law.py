@@ -57,7 +57,12 @@ def test_no_number_of_the_law_is_lost(made: str, name: str) -> None:
 def test_the_law_of_a_path_with_other_friction(name: str) -> None:
     """`solve(mu=)` is the problem with these coefficients."""
     law = {name: [0.0, 0.125]}
-    one = problem(**law).solve(LOAD, mu=[0.25, 0.25])
-    other = bp.ContactProblem(np.eye(4), np.eye(4), gap=[0.0, 0.0], mu=0.25, **law)
+    own = problem(**law)
+    before = own.solve(LOAD).reaction
+    one = own.solve(LOAD, mu=[0.125, 0.125])
+    # The problem keeps its own.
+    np.testing.assert_array_equal(own.solve(LOAD).reaction, before)
+    assert not np.array_equal(one.reaction, before)
+    other = bp.ContactProblem(np.eye(4), np.eye(4), gap=[0.0, 0.0], mu=0.125, **law)
     np.testing.assert_array_equal(one.reaction, other.solve(LOAD).reaction)
     np.testing.assert_array_equal(one.contacts[name], law[name])

@@ -1,5 +1,7 @@
 """Friction with two coefficients: closed forms, an independent solver, symmetry."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -210,40 +212,29 @@ def test_projection_of_many_is_that_of_each() -> None:
     )
 
 
-class TestBadCoefficients:
-    @pytest.mark.parametrize(
-        ("mu", "said"),
-        [
-            ([[0.3, 0.0]], r"mu of contact 0 is \[0.3, 0.0\], expected two positive"),
-            (
-                [[0.3, -0.1]],
-                "mu of contact 0 along tangent 2 is -0.1, expected zero",
-            ),
-            ([[0.3, 2e-7]], "within a factor of 1e\\+06 of each other"),
-            ([[0.3, np.nan]], r"mu is nan at \(0, 1\), expected finite"),
-            (
-                [[0.3, 0.1, 0.2]],
-                r"mu has shape \(1, 3\), expected a number or \(1,\) or",
-            ),
-            (
-                [[0.3, 0.1]] * 2,
-                r"mu has shape \(2, 2\), expected a number or \(1,\) or",
-            ),
-        ],
-    )
-    def test_wrong_coefficients(self, mu: list[list[float]], said: str) -> None:
-        with pytest.raises(ValueError, match=said):
-            bp.ReducedProblem(np.eye(3), [[-1.0, 0, 0]], mu)
-        with pytest.raises(ValueError, match=said):
-            bp.ContactProblem(np.eye(3), np.eye(3), gap=[0.0], mu=mu)
+WRONG: list[tuple[Any, str]] = [
+    ([[0.3, 0.0]], r"mu of contact 0 is \[0.3, 0.0\], expected two positive"),
+    ([[0.3, -0.1]], "mu of contact 0 along tangent 2 is -0.1, expected zero"),
+    ([[0.3, 2e-7]], "within a factor of 1e\\+06 of each other"),
+    ([[0.3, np.nan]], r"mu is nan at \(0, 1\), expected finite"),
+    ([[0.3, 0.1, 0.2]], r"mu has shape \(1, 3\), expected a number or \(1,\) or"),
+    ([[0.3, 0.1]] * 2, r"mu has shape \(2, 2\), expected a number or \(1,\) or"),
+]  # fmt: skip
 
-    def test_in_the_plane(self) -> None:
-        with pytest.raises(ValueError, match=r"expected a number or \(1,\)$"):
-            bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], [[0.3, 0.1]])
-        with pytest.raises(ValueError, match=r"expected a number or \(1,\)$"):
-            bp.project([[1.0, 0.0]], [[0.3, 0.1]])
 
-    def test_of_a_projection(self) -> None:
-        bp.project([[1.0, 1.0, 0.0]], [[1e-9, 1e9]])
-        with pytest.raises(ValueError, match="from 1e-75 to 1e\\+75 if they differ"):
-            bp.project([[1.0, 1.0, 0.0]], [[1e-80, 1.0]])
+@pytest.mark.parametrize(("mu", "said"), WRONG)
+def test_wrong_coefficients(mu: Any, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        bp.ReducedProblem(np.eye(3), [[-1.0, 0, 0]], mu)
+    with pytest.raises(ValueError, match=said):
+        bp.ContactProblem(np.eye(3), np.eye(3), gap=[0.0], mu=mu)
+
+
+def test_wrong_coefficients_in_the_plane_and_of_a_projection() -> None:
+    with pytest.raises(ValueError, match=r"expected a number or \(1,\)$"):
+        bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], [[0.3, 0.1]])
+    with pytest.raises(ValueError, match=r"expected a number or \(1,\)$"):
+        bp.project([[1.0, 0.0]], [[0.3, 0.1]])
+    bp.project([[1.0, 1.0, 0.0]], [[1e-9, 1e9]])
+    with pytest.raises(ValueError, match="from 1e-75 to 1e\\+75 if they differ"):
+        bp.project([[1.0, 1.0, 0.0]], [[1e-80, 1.0]])

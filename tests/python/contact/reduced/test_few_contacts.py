@@ -73,8 +73,3 @@ def test_a_forked_child_solves_few_contacts_after_many() -> None:
         assert np.array_equal(problem(8, 3, 0).solve().reaction, expected)
 
     assert forked(child).returncode == 0
-
-
-def test_the_number_of_threads_is_still_checked() -> None:
-    with pytest.raises(ValueError, match="num_threads is 0"):
-        problem(3, 3, 0).solve(num_threads=0)

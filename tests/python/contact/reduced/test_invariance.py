@@ -139,16 +139,6 @@ def test_h15_renumbering() -> None:
     assert np.array_equal(other.status, original.status[:, contacts])
 
 
-def test_one_thread_equals_two_bit_by_bit() -> None:
-    # Large enough for subtrees and tiles to use several threads.
-    body, fixed, path = pressed_cube(12)
-    on_one_thread = solve(body, fixed, path, num_threads=1)
-    two = solve(body, fixed, path, num_threads=2)
-    for name in ("reaction", "relative_displacement", "displacement", "residual"):
-        assert np.array_equal(getattr(on_one_thread, name), getattr(two, name)), name
-    assert np.array_equal(on_one_thread.iterations, two.iterations)
-
-
 def test_projection_is_the_same_on_any_number_of_threads(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

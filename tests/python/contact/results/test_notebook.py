@@ -69,21 +69,6 @@ def test_one_gap_for_all_contacts() -> None:
     np.testing.assert_array_equal(by_step.reaction, expected.reaction)
 
 
-def test_other_friction_in_one_solve() -> None:
-    """As of a problem with that friction; the problem keeps its own."""
-    problem, load = bar_problem()
-    path, mu = pulled(load, np.linspace(0, 30, 5)), problem.contacts.law.mu
-    before = problem.solve(path)
-    (expected,) = problem.solve_many([{"load": path, "mu": mu / 2}])
-    result = problem.solve(path, mu=mu / 2)
-    np.testing.assert_array_equal(result.reaction, expected.reaction)
-    np.testing.assert_array_equal(result.contacts["mu"], mu / 2)
-    assert not np.array_equal(result.reaction, before.reaction)
-    np.testing.assert_array_equal(problem.solve(path).reaction, before.reaction)
-    with pytest.raises(ValueError, match="mu of contact 0 is -1"):
-        problem.solve(path, mu=-1.0)
-
-
 @pytest.mark.parametrize("library", ["tqdm", "rich"])
 @pytest.mark.parametrize("adaptive", [False, True])
 def test_progress_counts_steps_up_to_the_end(
