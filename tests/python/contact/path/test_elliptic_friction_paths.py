@@ -73,38 +73,6 @@ def test_a_path_agrees_with_the_scaled_problem() -> None:
     assert {1, 2} <= set(result.status[-1])
 
 
-def test_every_step_fulfils_the_law_and_the_balance() -> None:
-    model, moved, mu = path()
-    whole = problem(model, mu)
-    result = whole.solve(None, moved, tol=1e-12)
-    for k, step in enumerate(result):
-        r, size = step.reaction, np.abs(step.reaction).max()
-        # η = 1e-12 of the reactions, and a factor of ten for its norm.
-        shear = np.linalg.norm(r[:, 1:] / mu, axis=1)
-        assert (shear <= r[:, 0] + 1e-10 * size).all()
-        drag = np.linalg.norm(mu * step.slip, axis=1)
-        sliding = (step.status == bp.Status.SLIP) & (drag > 1e-9 * drag.max())
-        friction = -r[:, :1] * mu**2 * step.slip / np.where(drag > 0, drag, 1)[:, None]
-        # The direction has the relative accuracy of the slip: 1e-12 of the largest over 1e-9.
-        np.testing.assert_allclose(r[sliding, 1:], friction[sliding], atol=1e-3 * size)
-        work = (r[:, 1:] * step.slip).sum(axis=1) + r[:, 0] * drag
-        assert np.abs(work).max() <= 1e-11 * size * np.abs(step.slip).max()
-        # B u + gap is the relative displacement, and K u - Bᵀ r acts on supports only.
-        u = step.displacement
-        v = (model.B @ u).reshape(r.shape)
-        v[:, 0] += model.gap
-        far = np.abs(u).max()
-        np.testing.assert_allclose(step.relative_displacement, v, atol=1e-10 * far)
-        force = model.K @ u - model.B.T @ r.ravel()
-        force[model.fixed] = 0
-        assert np.abs(force).max() <= 1e-9 * size
-        reduced = whole.reduced(None, moved[k], start=result[k - 1] if k else None)
-        assert reduced.residual(r) <= 1e-11
-        assert step.unique == "proved"
-        assert step.error_estimate is not None
-        assert max(step.error_estimate) < 1e-7
-
-
 def test_a_working_set_another_stiffness_and_another_friction() -> None:
     case = cube(*GRAIN, "body.cube.z.cells=1", "support.0.z=-0.5", n=14)
     model, moved = case.model, case.prescribed

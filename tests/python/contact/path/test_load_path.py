@@ -12,26 +12,13 @@ import bipot_rs as bp
 from bipot_rs import analytic
 from bipot_rs.contact.path.direct import DirectRecovery
 from bipot_rs.contact.results.solution import recover_displacements
-from support.bars import BAR, bar_problem, lost, pulled
+from support.bars import lost
 from support.bodies import block
 from support.contacts import TOL, one_node
 from support.methods import METHODS
 
 Array = NDArray[np.float64]
 SLIP = bp.Status.SLIP
-
-
-def test_h20_work_of_aligned_steps_is_what_friction_takes() -> None:
-    problem, load = bar_problem()
-    # Steps of q h: each node reaches its limit at the end of a step.
-    half = np.arange(30.0, -30.0, -2.5)
-    ends = np.concatenate([half, -half, [30.0]])
-    result = problem.solve(pulled(load, ends), tol=1e-13)
-    force, u = ends, result.displacement[:, -1]
-    work = ((force[1:] + force[:-1]) / 2 * np.diff(u)).sum()
-    exact = analytic.bar_cycle_dissipation(30.0, **BAR, element=0.05)
-    # Forces are exact to η = 1e-13; terms of both signs are about as large as the result.
-    assert work == pytest.approx(exact, rel=1e-13)
 
 
 def random_path(steps: int, end: float = 6.0) -> tuple[Any, Array]:
@@ -56,41 +43,6 @@ def test_a_path_that_closes_ends_without_forces() -> None:
     # A load of 1e-15 of the largest; the condition of K is below 10.
     assert np.abs(result.reaction[-1]).max() <= 1e-14 * np.abs(path).max()
     assert np.abs(result.slip).max() > 1e-3
-
-
-def energy_balance(steps: int) -> tuple[float, float, float]:
-    """Work, work minus energy minus friction, and the largest such difference of a step.
-
-    The last uses the mean reaction of each step, for which the balance is exact:
-    `Δ(uᵀ K u)/2 = (f + f')/2·Δu + (r + r')/2·Δv`.
-    """
-    result, (K, path) = random_path(steps)
-    f = np.vstack([np.zeros(9), path])
-    u = np.vstack([np.zeros(9), result.displacement])
-    r = np.concatenate([np.zeros((1, 3, 3)), result.reaction])
-    du = np.diff(u, axis=0)
-    work = ((f[1:] + f[:-1]) / 2 * du).sum()
-    stored = u[-1] @ K @ u[-1] / 2
-    mean = ((r[1:] + r[:-1]) / 2).reshape(steps, 9)
-    # Friction never returns work, except for η = 1e-12 of forces and slips.
-    assert np.all(lost(result) >= -1e-11 * abs(work))
-    assert set(np.unique(result.status)) == {0, 1, 2}, "the path must show every status"
-    return work, work - stored - lost(result).sum(), work - stored + (mean * du).sum()
-
-
-def test_h20_energy_balance_of_a_random_path() -> None:
-    missing = []
-    for steps in (100, 200, 400, 800):
-        work, step_error, rounding = energy_balance(steps)
-        # K u = f + Bᵀ r holds to rounding for any error of r: ε times a condition of about 10
-        # per step, over 800 steps.
-        assert abs(rounding) <= 1e-12 * work
-        missing.append(step_error / work)
-    orders = np.log2(np.array(missing[:-1]) / missing[1:])
-    # Friction takes its value at the end of each step (backward Euler): first order,
-    # except where the status changes within a step.
-    assert orders[1:] == pytest.approx(1, abs=0.15)
-    assert 0 < missing[-1] < 0.002
 
 
 def test_h20_energy_balance_of_a_body_on_supports_that_move() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from support.bodies import Body, block
+from support.bodies import block
 
 ENGINES = ["direct", "iterative"]
 
@@ -15,45 +15,6 @@ def quick_and_slow(quick: int, slow: int) -> list[Any]:
     """Seeds that run always, and those that run with the slow tests."""
     rest = [pytest.param(k, marks=pytest.mark.slow) for k in range(quick, slow)]
     return [*range(quick), *rest]
-
-
-def lowered(seed: int) -> tuple[Body, dict[str, Any], np.ndarray]:
-    """A block above a plane, and the displacements of its top that just close its gap."""
-    rng = np.random.default_rng([seed, 8])
-    d = 2 + seed % 2
-    height, clearance = rng.uniform(0.3, 3.0), 10.0 ** rng.uniform(-4, 0)
-    body = block([1.0] * (d - 1) + [height], [3] * d, 10.0 ** rng.uniform(0, 6), 0.3)
-    fixed = np.concatenate([body.dofs(d - 1, height, k) for k in range(d)])
-    down = np.zeros((d, len(fixed) // d))
-    down[-1] = -clearance
-    given = {"gap": np.full(len(body.area), clearance), "mu": 0.3, "fixed": fixed}
-    return body, given, down.ravel()
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("seed", quick_and_slow(4, 24))
-def test_blocks_lowered_by_their_clearance(seed: int, engine: str) -> None:
-    """All contacts just touch. The derivative is the solution without the gap, which is
-    homogeneous of degree one."""
-    body, given, down = lowered(seed)
-    rng = np.random.default_rng(seed)
-    problem = bp.ContactProblem(body.K, body.B, **given, engine=engine)
-    result = problem.solve(prescribed=down)
-    touching = bp.ContactProblem(body.K, body.B, **given | {"gap": body.gap})
-    m = len(down) // body.dim
-    for sign in (-1.0, 1.0):
-        change = 0.2 * rng.normal(size=(body.dim, m))
-        change[-1] = sign * rng.uniform(0.5, 1.0, m)
-        tangent = result.jvp(prescribed=change.ravel())
-        assert tangent.one_sided.all()
-        known = touching.solve(prescribed=change.ravel(), tol=1e-13)
-        # Linear systems of the iterative engine are solved to 1e-11, times their condition.
-        size = np.abs(body.K.data).max()
-        np.testing.assert_allclose(
-            tangent.reaction, known.reaction, rtol=0, atol=1e-8 * size
-        )
-        assert (known.reaction.max() > 0) == (sign < 0)
-    assert result.vjp(reaction=np.ones_like(result.reaction)).one_sided.all()
 
 
 @pytest.mark.parametrize("seed", quick_and_slow(40, 1000))

@@ -94,16 +94,6 @@ def test_half_width_of_a_sliding_contact_by_friction() -> None:
     assert by_friction == pytest.approx(slope, rel=0.5 / CELLS)
 
 
-def test_half_width_without_coupling_does_not_depend_on_friction() -> None:
-    uncoupled = sliding(next(grids()), 0.0, 0.8)
-    change = uncoupled.jvp(mu=1.0).reaction
-    # Rounding, relative to the pressure, by which the friction changes.
-    np.testing.assert_allclose(change[:, 0], 0.0, atol=1e-12 * FORCE)
-    np.testing.assert_allclose(
-        change[:, 1], -uncoupled.reaction[:, 0], atol=1e-12 * FORCE
-    )
-
-
 def sheared(x: Array, mu: float, tangential: float) -> tuple[bp.Result, Array]:
     """Pressed by P, then pulled by Q: the result, and the loads of both steps.
 

@@ -7,7 +7,6 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs import scene
 
 pytestmark = pytest.mark.needs_extra
 
@@ -116,39 +115,6 @@ def test_one_sided_differences(seed: int) -> None:
         # Of the second order: h² times a third derivative, and rounding of 1e-15 over h.
         slope = (-3 * here + 4 * one_step_on - two) / (2 * h)
         np.testing.assert_allclose(getattr(tangent, name), slope, atol=1e-7)
-
-
-def test_the_end_of_a_hysteresis_loop() -> None:
-    """A cube that is sheared to and fro: where a loop closes, several contacts yield at once.
-
-    Derivatives there are one-sided, and those of later steps pass through them.
-    """
-    asked = scene.read("cyclic_cube", ["mesh.n=3"])
-    case = scene.assemble(asked, scene.bodies(asked))
-    m = case.model
-    rng = np.random.default_rng(0)
-    by_mu = 0.1 * rng.normal(size=len(m.mu)) * (m.mu > 0)
-    by = case.prescribed * rng.uniform(-0.5, 0.5, (len(case.prescribed), 1))
-
-    def solve(t: float) -> bp.Result:
-        problem = bp.ContactProblem(
-            m.K, m.B, gap=m.gap, mu=m.mu + t * by_mu, fixed=m.fixed
-        )
-        return problem.solve(None, case.prescribed + t * by, tol=1e-13)
-
-    h = 1e-5
-    here, one_step_on, two, back = map(solve, (0.0, h, 2 * h, -h))
-    tangent = here.jvp(prescribed=by, mu=by_mu)
-    assert tangent.one_sided.sum(axis=1).max() > 1
-    size = np.abs(tangent.reaction).max()
-    ahead = (-3 * here.reaction + 4 * one_step_on.reaction - two.reaction) / (2 * h)
-    # h² = 1e-10 of a third derivative, and rounding of 1e-14 over h.
-    np.testing.assert_allclose(tangent.reaction, ahead, atol=1e-7 * size)
-    # Both sides differ: a central difference is no derivative.
-    assert (
-        np.abs((one_step_on.reaction - back.reaction) / (2 * h) - ahead).max()
-        > 1e-3 * size
-    )
 
 
 def test_a_gradient_on_a_border_is_of_the_reported_side() -> None:
