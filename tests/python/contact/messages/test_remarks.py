@@ -52,6 +52,19 @@ def held(d: int) -> list[fem.Support]:
     return [fem.Support("a", "top", tuple(range(d)))]
 
 
+def at_start(K: Any, B: Any, options: dict[str, Any]) -> tuple[str, ...]:
+    return bp.ContactProblem(K, B, **options).remarks.at_start
+
+
+def two_bodies(cell: str, low_young: float) -> list[fem.Body]:
+    """A body on another one."""
+    grid = np.linspace(0, 1, 4)
+    return [
+        fem.Body(name, fem.box([grid, low + grid], cell), fem.Material(young, 0.3))
+        for name, low, young in (("a", 0.0, 1.0), ("b", -1.0, low_young))
+    ]
+
+
 def turned_round(B: Any, d: int, contacts: Any = slice(None)) -> Any:
     sign = np.ones(B.shape[0])
     sign[d * np.arange(B.shape[0] // d)[contacts]] = -1.0
@@ -87,9 +100,7 @@ def test_normals(cell: str, d: int) -> None:
             assert result.remarks[1].startswith("no contact closes in any load step")
             assert remark in str(result)
             assert result.success
-        (first, *_) = bp.ContactProblem(
-            model.K, turned_round(model.B, d, [1]), **options
-        ).remarks.at_start
+        (first, *_) = at_start(model.K, turned_round(model.B, d, [1]), options)
         assert first.startswith(f"the normals of 1 of the {count} contacts")
         assert "first at contact 1:" in first
     # Also with the other order of components.
@@ -97,9 +108,8 @@ def test_normals(cell: str, d: int) -> None:
     options["coordinates"] = np.tile(model.nodes, (d, 1))
     options["fixed"] = np.flatnonzero(np.isin(turned, model.fixed))
     K = model.K[turned][:, turned]
-    assert bp.ContactProblem(K, model.B[:, turned], **options).remarks.at_start == ()
-    (first,) = bp.ContactProblem(K, wrong[:, turned], **options).remarks.at_start
-    assert first == remark
+    assert at_start(K, model.B[:, turned], options) == ()
+    assert at_start(K, wrong[:, turned], options) == (remark,)
 
 
 @pytest.mark.parametrize("seed", range(216))
@@ -137,14 +147,9 @@ def test_normals_of_any_face(seed: int) -> None:
         (frame.ravel(), (rows.ravel(), columns.ravel())), (d * len(at), x.size)
     )
     wrong = rng.random(len(at)) < rng.choice([0.0, 0.3, 1.0])
-    problem = bp.ContactProblem(
-        K,
-        turned_round(B, d, wrong),
-        gap=np.zeros(len(at)),
-        mu=0.3,
-        coordinates=np.repeat(x, d, axis=0),
-    )
-    told = [remark for remark in problem.remarks.at_start if "normals" in remark]
+    options = {"gap": 0 * wrong, "mu": 0.3, "coordinates": np.repeat(x, d, axis=0)}
+    remarks = at_start(K, turned_round(B, d, wrong), options)
+    told = [remark for remark in remarks if "normals" in remark]
     assert len(told) == wrong.any()
     for remark in told:
         count = f"of {wrong.sum()} of the {len(at)} contact"
@@ -159,10 +164,8 @@ def test_a_ball_next_to_an_edge_gives_no_remark(radius: float, at: float) -> Non
     ball = ob.Sphere([at, 0.5, 1 + radius], radius)
     contact = fem.Contact("a", "top", 0.1, obstacle=ball)
     model, options = given(meshed, contact, [fem.Support("a", "bottom", (0, 1, 2))])
-    assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
-    (remark,) = bp.ContactProblem(
-        model.K, turned_round(model.B, 3), **options
-    ).remarks.at_start
+    assert at_start(model.K, model.B, options) == ()
+    (remark,) = at_start(model.K, turned_round(model.B, 3), options)
     assert "point out of the body" in remark
 
 
@@ -181,33 +184,22 @@ def test_normals_in_a_coarse_hole(thickness: float) -> None:
     meshed = ring(4, 2, thickness)
     hole = fem.Contact("a", "left", 0.1, obstacle=ob.Cylinder([0, 0], 0.99))
     model, options = given(meshed, hole)
-    assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
-    wrong = turned_round(model.B, 2)
-    (remark,) = bp.ContactProblem(model.K, wrong, **options).remarks.at_start
+    assert at_start(model.K, model.B, options) == ()
+    (remark,) = at_start(model.K, turned_round(model.B, 2), options)
     # At the ends of the arc the surface turns: the outward direction is between two faces.
     assert re.match("the normals of [35] of the 5 contacts point out", remark)
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
 def test_normals_of_pairs(pairing: str) -> None:
-    grid = np.linspace(0, 1, 4)
-    bodies = [
-        fem.Body(
-            name,
-            fem.box([grid, low + grid], "quadrilateral"),
-            fem.Material(young, 0.3),
-        )
-        for name, low, young in (("a", 0.0, 1.0), ("b", -1.0, 1e4))
-    ]
+    bodies = two_bodies("quadrilateral", 1e4)
     pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"), pairing=pairing)
     model, options = given(bodies[0], pair, held(2), bodies[1])
-    assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
+    assert at_start(model.K, model.B, options) == ()
     # Exchanging both bodies and normals changes nothing; reversing the normals alone does.
-    both = bp.ContactProblem(model.K, -model.B, **options).remarks.at_start
+    both = at_start(model.K, -model.B, options)
     assert ["point out of the body" in remark for remark in both] == [True]
-    (remark,) = bp.ContactProblem(
-        model.K, turned_round(model.B, 2), **options
-    ).remarks.at_start
+    (remark,) = at_start(model.K, turned_round(model.B, 2), options)
     assert "the normals of 4 of the 4 contacts" in remark
 
 
@@ -221,15 +213,11 @@ def test_penetration() -> None:
         "for an interference fit, else check the sign of gap, which is positive when open"
     )
     # Without coordinates; with rounding only; and with sizes known from the gaps only.
-    eye: dict[str, Any] = {"mu": 0.3}
-    plain = bp.ContactProblem(np.eye(4), np.eye(4), gap=[-1e-6, 2e-6], **eye)
-    assert plain.remarks.at_start[0].startswith("1 of the 2 contacts penetrate at")
-    assert "contact 0, by 1e-06: the first" in plain.remarks.at_start[0]
+    (plain,) = at_start(np.eye(4), np.eye(4), {"gap": [-1e-6, 2e-6], "mu": 0.3})
+    assert plain.startswith("1 of the 2 contacts penetrate at")
+    assert "contact 0, by 1e-06: the first" in plain
     for gap in ([-1e-16, 1.0], [0.0, 0.0]):
-        assert (
-            bp.ContactProblem(np.eye(4), np.eye(4), gap=gap, **eye).remarks.at_start
-            == ()
-        )
+        assert at_start(np.eye(4), np.eye(4), {"gap": gap, "mu": 0.3}) == ()
 
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
@@ -263,13 +251,7 @@ def test_loads_in_inconsistent_units(
 
 
 def test_the_softer_of_two_bodies_determines_the_remark() -> None:
-    grid = np.linspace(0, 1, 4)
-    soft, stiff = (
-        fem.Body(
-            name, fem.box([grid, low + grid], "triangle"), fem.Material(young, 0.3)
-        )
-        for name, low, young in (("a", 0.0, 1.0), ("b", -1.0, 1e6))
-    )
+    soft, stiff = two_bodies("triangle", 1e6)
     pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"))
     supports = [*held(2), fem.Support("b", "bottom", (0, 1))]
     model, options = given(soft, pair, supports, stiff)
