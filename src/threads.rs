@@ -50,6 +50,20 @@ pub fn count(asked: Option<usize>) -> Result<usize, Error> {
     Ok(*CORES.get_or_init(cores))
 }
 
+/// Does `work`, in a pool if it is of `many` tasks: one needs no other thread.
+pub fn install<T: Send>(
+    asked: Option<usize>,
+    many: bool,
+    work: impl FnOnce() -> T + Send,
+) -> Result<T, Error> {
+    let threads = count(asked)?;
+    if many {
+        Ok(pool(threads)?.install(work))
+    } else {
+        Ok(work())
+    }
+}
+
 fn within(what: &'static str, text: &str) -> Result<usize, Error> {
     text.parse()
         .ok()

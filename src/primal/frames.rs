@@ -92,7 +92,7 @@ impl<const D: usize> Frames<D> {
     }
 
     /// Contacts with a node, such that the masters of each are no nodes of earlier ones.
-    pub(super) fn with_node(&self) -> impl DoubleEndedIterator<Item = (usize, &Frame<D>)> {
+    pub fn with_node(&self) -> impl DoubleEndedIterator<Item = (usize, &Frame<D>)> {
         let all = self.order.iter();
         all.map(|&i| (i as usize, &self.list[i as usize]))
     }

@@ -4,10 +4,9 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::amg::following::Following;
-use crate::path::stepping::{State, Step};
-use crate::primal::load_step::{Start, advance};
+use crate::path::stepping::State;
+use crate::primal::load_step::{Made, Start, advance};
 use crate::primal::local::Local;
-use crate::primal::newton::{Errors, Reason};
 use crate::primal::problem::Primal;
 use crate::solver::Settings;
 
@@ -26,16 +25,11 @@ pub struct PrimalPath<const D: usize> {
     hierarchy: Option<Following>,
 }
 
-/// A step, with its displacements and the work that it took.
-#[derive(Clone, Debug)]
+/// A step, with its displacements.
+#[derive(Debug)]
 pub struct PrimalStep<const D: usize> {
-    pub step: Step<D>,
+    pub made: Made<Vec<f64>, D>,
     pub displacement: Vec<f64>,
-    pub newton: usize,
-    pub krylov: usize,
-    pub reason: Option<Reason>,
-    /// Estimated relative errors, if it converged.
-    pub errors: Option<Errors>,
     /// Memory of the largest hierarchy.
     pub bytes: usize,
 }
@@ -97,12 +91,8 @@ impl<const D: usize> PrimalPath<D> {
             self.displacement.clone_from(&displacement);
         }
         Ok(PrimalStep {
-            step: made.step,
+            made,
             displacement,
-            newton: made.newton,
-            krylov: made.krylov,
-            reason: made.reason,
-            errors: made.errors,
             bytes,
         })
     }

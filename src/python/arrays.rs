@@ -9,8 +9,10 @@ use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
 use crate::tasks;
 use crate::threads;
-use numpy::ndarray::{Array2, aview2};
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::ndarray::{Array2, Dimension, aview2};
+use numpy::{
+    PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -18,6 +20,8 @@ use pyo3::prelude::*;
 pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;
 /// A C-contiguous matrix of `f64`.
 pub(super) type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+/// A vector that a method changes.
+pub(super) type Changed<'py> = PyReadwriteArray1<'py, f64>;
 /// Indices or row pointers of 32 or 64 bits, as the caller has them: a copy of those of `K`
 /// needs a large part of the memory of `K`.
 #[derive(FromPyObject)]
@@ -90,18 +94,16 @@ impl LawArrays<'_> {
         let (mu, elliptic) = self.mu.friction(dimension)?;
         let mut laws = ContactLaw::coulomb(&mu);
         if let Some(cohesion) = &self.cohesion {
-            let cohesion = cohesion.as_slice()?;
-            length("cohesion", cohesion.len(), laws.len())?;
-            for (law, &cohesion) in laws.iter_mut().zip(cohesion) {
-                law.cohesion = cohesion;
-            }
+            let cohesion = numbers("cohesion", cohesion, laws.len())?;
+            laws.iter_mut()
+                .zip(cohesion)
+                .for_each(|(law, c)| law.cohesion = *c);
         }
         if let Some(dilatancy) = &self.dilatancy {
-            let dilatancy = dilatancy.as_slice()?;
-            length("dilatancy", dilatancy.len(), laws.len())?;
-            for (law, &dilatancy) in laws.iter_mut().zip(dilatancy) {
-                law.dilatancy = dilatancy;
-            }
+            let dilatancy = numbers("dilatancy", dilatancy, laws.len())?;
+            laws.iter_mut()
+                .zip(dilatancy)
+                .for_each(|(law, d)| law.dilatancy = *d);
         }
         contact_law::check(&laws, laws.len())?;
         Ok((laws, elliptic))
@@ -157,20 +159,31 @@ pub(super) fn length(what: &'static str, found: usize, expected: usize) -> Resul
     })
 }
 
+/// The values of an array of `expected` ones.
+pub(super) fn numbers<'a, N: Dimension>(
+    what: &'static str,
+    array: &'a PyReadonlyArray<'_, f64, N>,
+    expected: usize,
+) -> PyResult<&'a [f64]> {
+    let values = array.as_slice()?;
+    length(what, values.len(), expected)?;
+    Ok(values)
+}
+
+/// [`numbers`] of an array that a method changes.
+pub(super) fn changed<'a>(
+    what: &'static str,
+    array: &'a mut Changed<'_>,
+    expected: usize,
+) -> PyResult<&'a mut [f64]> {
+    let values = array.as_slice_mut()?;
+    length(what, values.len(), expected)?;
+    Ok(values)
+}
+
 /// Indices as `usize`.
 pub(super) fn indices(array: &Indices<'_>, what: &'static str) -> PyResult<Vec<usize>> {
-    fn convert<T: Copy>(values: &[T]) -> Option<Vec<usize>>
-    where
-        usize: TryFrom<T>,
-    {
-        let whole = |&value: &T| usize::try_from(value).ok();
-        values.iter().map(whole).collect()
-    }
-    match array {
-        Indices::Narrow(array) => convert(array.as_slice()?),
-        Indices::Wide(array) => convert(array.as_slice()?),
-    }
-    .ok_or_else(|| negative(what))
+    many_indices(array, what, Some(1))
 }
 
 /// [`indices`] of a large matrix, by the threads of `num_threads`.
@@ -179,48 +192,33 @@ pub(super) fn many_indices(
     what: &'static str,
     num_threads: Option<usize>,
 ) -> PyResult<Vec<usize>> {
-    fn convert<T: Copy + Sync>(values: &[T]) -> Option<Vec<usize>>
+    fn convert<T: Copy + Sync>(
+        values: &[T],
+        num_threads: Option<usize>,
+    ) -> Result<Option<Vec<usize>>, Error>
     where
         usize: TryFrom<T>,
     {
-        let mut wide = zeros(values.len());
-        let parts = wide.chunks_mut(TASK).zip(values.chunks(TASK));
-        let whole = tasks::map(parts, |_, (wide, values)| {
-            wide.iter_mut().zip(values).all(|(wide, &value)| {
-                let found = usize::try_from(value).ok();
-                *wide = found.unwrap_or_default();
-                found.is_some()
-            })
-        });
-        whole.iter().all(|&whole| whole).then_some(wide)
+        threads::install(num_threads, values.len() > TASK, || {
+            let mut wide = zeros(values.len());
+            let parts = wide.chunks_mut(TASK).zip(values.chunks(TASK));
+            let whole = tasks::map(parts, |_, (wide, values)| {
+                wide.iter_mut().zip(values).all(|(wide, &value)| {
+                    let found = usize::try_from(value).ok();
+                    *wide = found.unwrap_or_default();
+                    found.is_some()
+                })
+            });
+            whole.iter().all(|&whole| whole).then_some(wide)
+        })
     }
     /// Entries of one task.
     const TASK: usize = 1 << 16;
-    let count = match array {
-        Indices::Narrow(array) => array.len()?,
-        Indices::Wide(array) => array.len()?,
+    let whole = match array {
+        Indices::Narrow(array) => convert(array.as_slice()?, num_threads)?,
+        Indices::Wide(array) => convert(array.as_slice()?, num_threads)?,
     };
-    if count <= TASK {
-        return indices(array, what);
-    }
-    // Outside of a pool of our own, rayon takes its global one, which never returns in a
-    // forked child.
-    let pool = threads::pool(threads::count(num_threads)?)?;
-    match array {
-        Indices::Narrow(array) => {
-            let values = array.as_slice()?;
-            pool.install(|| convert(values))
-        }
-        Indices::Wide(array) => {
-            let values = array.as_slice()?;
-            pool.install(|| convert(values))
-        }
-    }
-    .ok_or_else(|| negative(what))
-}
-
-fn negative(what: &'static str) -> PyErr {
-    PyValueError::new_err(format!("{what} holds a negative index"))
+    whole.ok_or_else(|| PyValueError::new_err(format!("{what} holds a negative index")))
 }
 
 /// An `(n_c, D)` array. `NumPy` allocates small arrays faster than it adopts them.
@@ -229,37 +227,30 @@ pub(super) fn from_rows<'py, const D: usize>(py: Python<'py>, rows: &[[f64; D]])
 }
 
 /// A C-ordered matrix from its rows.
-pub(super) fn square(
-    py: Python<'_>,
-    flat: Vec<f64>,
-    rows: usize,
-    columns: usize,
-) -> PyResult<NewMatrix<'_>> {
-    let array = Array2::from_shape_vec((rows, columns), flat)
-        .map_err(|e| PyValueError::new_err(e.to_string()))?;
-    Ok(PyArray2::from_owned_array(py, array))
+pub(super) fn square(py: Python<'_>, flat: Vec<f64>, rows: usize, columns: usize) -> NewMatrix<'_> {
+    let array = Array2::from_shape_vec((rows, columns), flat);
+    PyArray2::from_owned_array(py, array.expect("rows of equal length"))
 }
 
 /// Values of contacts, `d` columns.
-pub(super) fn of_contacts(py: Python<'_>, flat: Vec<f64>, d: usize) -> PyResult<NewMatrix<'_>> {
+pub(super) fn of_contacts(py: Python<'_>, flat: Vec<f64>, d: usize) -> NewMatrix<'_> {
     let rows = flat.len() / d;
     square(py, flat, rows, d)
 }
 
 /// Indices, 64 bits wide.
-pub(super) fn from_indices(py: Python<'_>, indices: Vec<usize>) -> PyResult<NewIndices<'_>> {
-    let wide: Result<Vec<i64>, _> = indices.into_iter().map(i64::try_from).collect();
-    let wide = wide.map_err(|e| PyValueError::new_err(e.to_string()))?;
-    Ok(PyArray1::from_vec(py, wide))
+pub(super) fn from_indices(py: Python<'_>, indices: Vec<usize>) -> NewIndices<'_> {
+    let wide = |index| i64::try_from(index).expect("an index of an array");
+    PyArray1::from_vec(py, indices.into_iter().map(wide).collect())
 }
 
 /// A matrix by rows.
-pub(super) fn from_csr(py: Python<'_>, matrix: OwnedMatrix) -> PyResult<CsrOutput<'_>> {
-    Ok((
-        from_indices(py, matrix.pointer)?,
-        from_indices(py, matrix.index)?,
+pub(super) fn from_csr(py: Python<'_>, matrix: OwnedMatrix) -> CsrOutput<'_> {
+    (
+        from_indices(py, matrix.pointer),
+        from_indices(py, matrix.index),
         from_vec(py, matrix.values),
-    ))
+    )
 }
 
 /// A vector.

@@ -1,7 +1,6 @@
 //! What can move: directions, rigid motions, connected bodies, and what holds them.
 
 use numpy::{PyArray1, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::bodies::basis::{RigidMotion, list_motions};
@@ -13,6 +12,7 @@ use crate::bodies::tuning;
 use crate::error::Error;
 use crate::linalg::union::Union;
 use crate::python::arrays::{self, Csr, Indices, Matrix, NewIndices, NewMatrix};
+use crate::python::dimension::check_dimension;
 
 #[pyfunction]
 pub(super) fn dof_directions<'py>(
@@ -22,15 +22,18 @@ pub(super) fn dof_directions<'py>(
 ) -> PyResult<NewIndices<'py>> {
     check_dimension(d)?;
     let directions = find_directions(arrays::rows::<3>(&places)?, d);
-    let number = |direction: Option<DofDirection>| {
-        direction.map_or(Ok(-1), |direction| match direction {
-            DofDirection::Along(axis) => i64::try_from(axis),
-            DofDirection::About(axis) => i64::try_from(3 + axis),
-        })
+    let number = |direction| {
+        let number = match direction {
+            None => return -1,
+            Some(DofDirection::Along(axis)) => axis,
+            Some(DofDirection::About(axis)) => 3 + axis,
+        };
+        i64::try_from(number).expect("one of six")
     };
-    let numbers: Result<Vec<i64>, _> = directions.into_iter().map(number).collect();
-    let numbers = numbers.map_err(|e| PyValueError::new_err(e.to_string()))?;
-    Ok(PyArray1::from_vec(py, numbers))
+    Ok(PyArray1::from_vec(
+        py,
+        directions.into_iter().map(number).collect(),
+    ))
 }
 
 #[pyfunction]
@@ -57,7 +60,7 @@ pub(super) fn rigid_motions<'py>(
             *value = RigidMotion::at(*motion, direction, arm, reach);
         }
     }
-    arrays::square(py, values, directions.len(), motions.len())
+    Ok(arrays::square(py, values, directions.len(), motions.len()))
 }
 
 #[pyfunction]
@@ -77,7 +80,7 @@ pub(super) fn connected<'py>(
         check_index(a.max(b), count)?;
         sets.join(a, b);
     }
-    arrays::from_indices(py, sets.numbers())
+    Ok(arrays::from_indices(py, sets.numbers()))
 }
 
 /// Numbers of rows, their forces, and whether some are weak.
@@ -116,9 +119,8 @@ pub(super) fn resisting_rows<'py>(
             forces.extend(row_forces);
         }
     }
-    let count = numbers.len();
-    let forces = arrays::square(py, forces, count, m)?;
-    Ok((arrays::from_indices(py, numbers)?, forces, weak))
+    let forces = arrays::square(py, forces, numbers.len(), m);
+    Ok((arrays::from_indices(py, numbers), forces, weak))
 }
 
 #[pyfunction]
@@ -134,24 +136,16 @@ pub(super) fn free_motions<'py>(
         holding.hold(row);
     }
     let free = holding.find_free_motions(accuracy);
-    let count = free.len();
-    arrays::square(py, free.concat(), count, motions)
+    Ok(arrays::square(py, free.concat(), free.len(), motions))
 }
 
 #[pyfunction]
-pub(super) fn combine_motions<'py>(py: Python<'py>, rows: Matrix<'py>) -> PyResult<NewMatrix<'py>> {
+pub(super) fn combine_motions<'py>(py: Python<'py>, rows: Matrix<'py>) -> NewMatrix<'py> {
     let rows = rows.as_array();
     let columns = rows.columns().into_iter();
     let combinations = Combinations::new(columns.map(|column| column.to_vec()).collect());
     let motions = combinations.amounts.len();
     arrays::square(py, combinations.amounts.concat(), motions, motions)
-}
-
-fn check_dimension(d: usize) -> PyResult<()> {
-    if d == 2 || d == 3 {
-        return Ok(());
-    }
-    Err(PyValueError::new_err(format!("d is {d}, expected 2 or 3")))
 }
 
 fn check_index(index: usize, limit: usize) -> Result<(), Error> {

@@ -1,26 +1,21 @@
 //! A condensed problem in the plane or in space.
 
+use std::ops::Deref;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use pyo3::prelude::*;
 
-use crate::bodies::geometry::Kinematics;
-use crate::condensation::bodies::{Loaded, Loads as OwnLoads};
-use crate::condensation::condense::{ProblemArrays, SortedProblem};
-use crate::condensation::forecast::Notice;
+use crate::condensation::bodies::Loaded;
 use crate::condensation::problem::{Confirmed, Problem};
 use crate::error::Error;
-use crate::law::contact_law::ContactLaw;
-use crate::linalg::sparse::csc::Symmetric;
 use crate::path::stepping::{State, reduced_step};
 use crate::proof::uniqueness::Unique;
-use crate::python::arrays::{self, CsrArrays, LawArrays, Matrix, NewMatrix, Vector};
+use crate::python::arrays::{self, LawArrays, Matrix, NewMatrix, Vector};
 use crate::python::interrupt;
 use crate::python::reduced_arrays::Assess;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, rounding, times};
-use crate::reduced::memory::Budget;
 
 /// Total forces and prescribed displacements of a step.
 pub(super) type Loads<'a> = (&'a [f64], &'a [f64]);
@@ -33,68 +28,25 @@ pub(super) struct CondensedArrays<const D: usize> {
     pub(super) num_threads: Option<usize>,
 }
 
-/// The arguments that do not depend on the dimension.
-pub(super) struct Arguments<'a> {
-    pub(super) stiffness: CsrArrays<'a>,
-    pub(super) contact: CsrArrays<'a>,
-    pub(super) law: Vec<ContactLaw>,
-    pub(super) elliptic: Option<EllipticScaling>,
-    pub(super) fixed: Vec<usize>,
-    pub(super) places: Option<&'a [[f64; 3]]>,
-    pub(super) kinematics: Option<Kinematics<'a>>,
-    pub(super) known: Option<Vec<OwnLoads>>,
-    pub(super) limit: Option<u128>,
-    pub(super) grow: Option<bool>,
-    pub(super) notice: Option<Notice>,
-}
-
-/// What the calling thread does about every tenth of a second.
-type Tell<'a> = dyn Fn(Python<'_>) -> PyResult<()> + Sync + 'a;
-
-impl Arguments<'_> {
-    /// Condenses in a thread, while this one calls `tell`.
-    pub(super) fn condense<const D: usize>(
-        self,
-        py: Python<'_>,
-        gap: &Matrix<'_>,
-        before: Option<&Problem<D>>,
-        (num_threads, tell): (Option<usize>, &Tell<'_>),
-    ) -> PyResult<CondensedArrays<D>> {
-        let gap = arrays::rows::<D>(gap)?;
-        let elliptic = self.elliptic.clone();
-        let problem = interrupt::watch(py, num_threads, tell, |stop| {
-            // The converted indices are freed before the factor is made.
-            let mut sorted = {
-                let k = self.stiffness;
-                let n = k.pointer.len().saturating_sub(1);
-                SortedProblem::new(ProblemArrays {
-                    stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
-                    contact: self.contact.rows(),
-                    gap,
-                    law: &self.law,
-                    fixed: &self.fixed,
-                    places: self.places,
-                    kinematics: self.kinematics,
-                    known: self.known,
-                    budget: Budget { limit: self.limit },
-                })?
-            };
-            if let Some(elliptic) = &self.elliptic {
-                sorted.surface.scale(elliptic);
-            }
-            sorted.notice = self.notice;
-            Problem::new(sorted, self.grow, before, stop)
-        })?;
-        Ok(CondensedArrays {
-            problem: Arc::new(problem),
-            elliptic,
-            num_threads,
-        })
-    }
-}
-
 /// `u` of total loads, prescribed displacements, reaction and rigid motion.
 pub(super) type StateArrays<'py> = (Vector<'py>, Vector<'py>, Matrix<'py>, Vector<'py>);
+
+/// The states with their reactions in the variables of the problem.
+pub(super) fn loaded<'a, const D: usize>(
+    states: &'a [StateArrays<'_>],
+    reactions: &'a [impl Deref<Target = [[f64; D]]>],
+) -> PyResult<Vec<Loaded<'a, D>>> {
+    let pairs = states.iter().zip(reactions);
+    let one = pairs.map(|((load, prescribed, _, rigid), reaction)| {
+        Ok(Loaded {
+            load: load.as_slice()?,
+            prescribed: prescribed.as_slice()?,
+            reaction,
+            rigid: rigid.as_slice()?,
+        })
+    });
+    one.collect()
+}
 
 impl<const D: usize> CondensedArrays<D> {
     /// Runs `work` without the interpreter lock.
@@ -196,11 +148,7 @@ impl<const D: usize> CondensedArrays<D> {
     }
 
     /// Rigid motions at the contacts, as rows.
-    pub(super) fn as_rows<'py>(
-        &self,
-        py: Python<'py>,
-        modes: &[Vec<[f64; D]>],
-    ) -> PyResult<NewMatrix<'py>> {
+    pub(super) fn as_rows<'py>(&self, py: Python<'py>, modes: &[Vec<[f64; D]>]) -> NewMatrix<'py> {
         let rows = modes.iter();
         let flat = rows.flat_map(|mode| over(self.elliptic.as_ref(), mode).as_flattened().to_vec());
         arrays::square(py, flat.collect(), modes.len(), self.components())
@@ -217,18 +165,7 @@ impl<const D: usize> CondensedArrays<D> {
             .iter()
             .map(|(_, _, reaction, _)| Ok(over(elliptic, arrays::rows(reaction)?)))
             .collect::<PyResult<Vec<_>>>()?;
-        let loaded = states
-            .iter()
-            .zip(&reactions)
-            .map(|((load, prescribed, _, rigid), reaction)| {
-                Ok(Loaded {
-                    load: load.as_slice()?,
-                    prescribed: prescribed.as_slice()?,
-                    reaction,
-                    rigid: rigid.as_slice()?,
-                })
-            })
-            .collect::<PyResult<Vec<_>>>()?;
+        let loaded = loaded(states, &reactions)?;
         let scale = |rows| PyResult::Ok(times(elliptic, arrays::rows(rows)?).into_owned());
         let confirmed = confirmed
             .unwrap_or_default()
@@ -249,7 +186,8 @@ impl<const D: usize> CondensedArrays<D> {
             }
             Ok(all)
         })?;
-        arrays::square(py, all.concat(), states.len(), problem.bodies().order())
+        let order = problem.bodies().order();
+        Ok(arrays::square(py, all.concat(), states.len(), order))
     }
 
     pub(super) fn with_law(&self, law: &LawArrays<'_>) -> PyResult<Self> {

@@ -3,12 +3,13 @@
 
 use std::time::Instant;
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use crate::law::cone::Status;
 use crate::path::stepping::State;
 use crate::primal::engine::{Correction, Engine, Terms};
+use crate::primal::linearised::spread;
 use crate::primal::load_step::{Start, advance};
 use crate::primal::tangent::Tangent;
 use crate::python::arrays::{self, Matrix, Vector};
@@ -22,9 +23,6 @@ use crate::python::solver::settings;
 use crate::reduced::elliptic_scaling::times;
 use crate::solver::Settings;
 
-/// Values by places, as Python returns them.
-type Values<'py> = PyReadonlyArray1<'py, f64>;
-
 /// Calls the methods of a Python object. Its exceptions pass through unchanged.
 struct Callbacks<'a, 'py, const D: usize> {
     engine: &'a Bound<'py, PyAny>,
@@ -33,9 +31,9 @@ struct Callbacks<'a, 'py, const D: usize> {
 
 impl<'py, const D: usize> Callbacks<'_, 'py, D> {
     /// Values at the contacts, from values by places.
-    fn at_contacts_of(&self, values: &Values<'py>) -> PyResult<Vec<[f64; D]>> {
-        let values = values.as_slice()?;
-        arrays::length("values by places", values.len(), self.interface.free.len())?;
+    fn at_contacts_of(&self, values: &Vector<'py>) -> PyResult<Vec<[f64; D]>> {
+        let places = self.interface.free.len();
+        let values = arrays::numbers("values by places", values, places)?;
         Ok(self.interface.contacts.frames.at_contacts(values))
     }
 
@@ -82,7 +80,7 @@ where
     }
 
     fn at_contacts(&mut self, y: &Bound<'py, PyAny>) -> PyResult<Vec<[f64; D]>> {
-        let values: Values<'py> = self.engine.call_method1("at_places", (y,))?.extract()?;
+        let values: Vector<'py> = self.engine.call_method1("at_places", (y,))?.extract()?;
         self.at_contacts_of(&values)
     }
 
@@ -95,10 +93,8 @@ where
     }
 
     fn imbalance(&mut self, e: &Bound<'py, PyAny>, reaction: &[[f64; D]]) -> PyResult<f64> {
-        let mut forces = vec![0.0; self.interface.free.len()];
-        for (i, k, at) in self.interface.contacts.frames.unknowns() {
-            forces[at] = reaction[i][k];
-        }
+        let interface = self.interface;
+        let forces = spread(&interface.contacts.frames, reaction, interface.free.len());
         let forces = arrays::from_vec(self.engine.py(), forces);
         self.engine
             .call_method1("imbalance", (e, forces))?
@@ -106,7 +102,7 @@ where
     }
 
     fn terms(&mut self, y: &Bound<'py, PyAny>) -> PyResult<Terms<D>> {
-        let (norm, values): (f64, Values<'py>) =
+        let (norm, values): (f64, Vector<'py>) =
             self.engine.call_method1("terms", (y,))?.extract()?;
         Ok(Terms {
             norm,
@@ -213,9 +209,7 @@ where
         };
         let force = (objects.force, prescribed);
         let made = advance(&mut engine, contacts, start, force, settings)?;
-        let work = (made.newton, made.krylov, 0);
-        let py = objects.engine.py();
-        let step = PyNewtonStep::new(py, &made.step, work, (made.reason, made.errors), elliptic)?;
+        let step = PyNewtonStep::new(objects.engine.py(), &made, 0, elliptic)?;
         if let Some(reached) = made.state() {
             self.state = Some(reached);
         }

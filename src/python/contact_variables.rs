@@ -3,28 +3,27 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyReadwriteArray1};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use crate::error::Error;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
+use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::tangent::Tangent;
 use crate::primal::transformation::Transformation;
 use crate::python::arrays::{
-    self, Csr, CsrArrays, Indices, LawArrays, Matrix, NewIndices, NewMatrix, NewVector, Vector,
+    self, Changed, Csr, CsrArrays, CsrOutput, Indices, LawArrays, Matrix, NewIndices, NewMatrix,
+    NewVector, Vector,
 };
-use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
+use crate::python::contact_values::{diagonal, factors, moved, offsets, work};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::validate::check_finite;
-
-/// Values by places that a method changes.
-pub(super) type Changed<'py> = PyReadwriteArray1<'py, f64>;
 
 /// Contacts, and what is known of the nodes of their interface.
 pub(super) struct Interface<const D: usize> {
@@ -46,8 +45,9 @@ pub(super) struct InterfaceVariables<const D: usize> {
 
 impl<const D: usize> InterfaceVariables<D> {
     /// `T` of all contacts, component by component: `r = T r̃`, `v = T⁻¹ ṽ`.
-    fn factors(&self) -> Vec<f64> {
-        all_factors(&self.interface.contacts, self.elliptic.as_ref())
+    pub(super) fn factors(&self) -> Vec<f64> {
+        let contacts = 0..self.interface.contacts.count();
+        factors(D, contacts, self.elliptic.as_ref())
     }
 
     /// The same contacts with other laws, in the same variables.
@@ -75,8 +75,7 @@ impl<const D: usize> InterfaceVariables<D> {
         values: &mut Changed<'_>,
         change: impl FnOnce(&Frames<D>, &mut [f64]),
     ) -> PyResult<()> {
-        let values = values.as_slice_mut()?;
-        arrays::length("values", values.len(), self.interface.free.len())?;
+        let values = arrays::changed("values", values, self.interface.free.len())?;
         change(&self.interface.contacts.frames, values);
         Ok(())
     }
@@ -208,7 +207,7 @@ impl PyContactVariables {
     }
 
     #[getter]
-    fn places(&self) -> usize {
+    pub(super) fn places(&self) -> usize {
         for_either!(&self.kind, inner => inner.interface.free.len())
     }
 
@@ -218,7 +217,7 @@ impl PyContactVariables {
     }
 
     #[getter]
-    fn nodes<'py>(&self, py: Python<'py>) -> PyResult<NewIndices<'py>> {
+    fn nodes<'py>(&self, py: Python<'py>) -> NewIndices<'py> {
         let nodes = for_either!(&self.kind, inner => {
             inner.interface.contacts.frames.blocks().map(|(node, _)| node).collect()
         });
@@ -229,79 +228,57 @@ impl PyContactVariables {
     /// prescribed.
     #[getter]
     fn absent<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        fn of<const D: usize>(inner: &Interface<D>) -> Vec<bool> {
-            let mut absent: Vec<bool> = inner.free.iter().map(|free| !free).collect();
-            for frame in &inner.contacts.frames.list {
-                if frame.node != usize::MAX {
-                    for k in 0..D {
-                        absent[D * frame.node + k] = !frame.free[k];
-                    }
-                }
+        for_either!(&self.kind, inner => {
+            let interface = &*inner.interface;
+            let mut absent: Vec<bool> = interface.free.iter().map(|free| !free).collect();
+            let nodes = absent.as_chunks_mut().0;
+            for (_, frame) in interface.contacts.frames.with_node() {
+                nodes[frame.node] = frame.free.map(|free| !free);
             }
-            absent
-        }
-        PyArray1::from_vec(py, for_either!(&self.kind, inner => of(&inner.interface)))
+            PyArray1::from_vec(py, absent)
+        })
     }
 
-    fn transformation<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(NewIndices<'py>, NewIndices<'py>, NewVector<'py>)> {
-        fn of<const D: usize>(inner: &Interface<D>) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
+    fn transformation<'py>(&self, py: Python<'py>) -> CsrOutput<'py> {
+        fn of<const D: usize>(inner: &Interface<D>) -> OwnedMatrix {
             let nodes = inner.free.len() / D;
             let rows = Transformation::new(nodes, &inner.contacts.frames);
-            let (mut pointer, mut index, mut values) = (vec![0], Vec::new(), Vec::new());
-            for node in 0..nodes {
-                for k in 0..D {
-                    match rows.row(node) {
-                        None => {
-                            index.push(D * node + k);
-                            values.push(1.0);
-                        }
-                        Some(row) => {
-                            for (column, block) in row {
-                                for l in 0..D {
-                                    index.push(D * *column as usize + l);
-                                    values.push(block[(k, l)]);
-                                }
-                            }
-                        }
-                    }
-                    pointer.push(index.len());
+            let mut matrix = OwnedMatrix::default();
+            for (node, k) in (0..nodes).flat_map(|node| (0..D).map(move |k| (node, k))) {
+                match rows.row(node) {
+                    None => matrix.push([(D * node + k, 1.0)]),
+                    Some(row) => matrix.push(row.iter().flat_map(|(column, block)| {
+                        (0..D).map(move |l| (D * *column as usize + l, block[(k, l)]))
+                    })),
                 }
             }
-            (pointer, index, values)
+            matrix
         }
-        let (pointer, index, values) = for_either!(&self.kind, inner => of(&inner.interface));
-        Ok((
-            arrays::from_indices(py, pointer)?,
-            arrays::from_indices(py, index)?,
-            arrays::from_vec(py, values),
-        ))
+        arrays::from_csr(py, for_either!(&self.kind, inner => of(&inner.interface)))
     }
 
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> NewMatrix<'py> {
-        for_either!(&self.kind, inner => {
-            from_contacts(py, inner, &diagonal(&inner.interface.contacts, &inner.factors()))
-        })
+        let own = for_either!(&self.kind, inner => {
+            diagonal(&inner.interface.contacts, &inner.factors())
+        });
+        arrays::of_contacts(py, own, self.kind.count())
     }
 
     fn offsets<'py>(&self, py: Python<'py>, prescribed: Vector<'py>) -> PyResult<NewMatrix<'py>> {
-        let prescribed = prescribed.as_slice()?;
         for_either!(&self.kind, inner => {
-            arrays::length("prescribed", prescribed.len(), inner.fixed)?;
+            let prescribed = arrays::numbers("prescribed", &prescribed, inner.fixed)?;
             let v = offsets(&inner.interface.contacts, &inner.factors(), prescribed);
-            Ok(from_contacts(py, inner, &v))
+            Ok(arrays::of_contacts(py, v, self.kind.count()))
         })
     }
 
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<NewMatrix<'py>> {
-        let y = y.as_slice()?;
-        arrays::length("y", y.len(), self.places())?;
-        for_either!(&self.kind, inner => {
-            Ok(from_contacts(py, inner, &moved(&inner.interface.contacts, &inner.factors(), y)))
-        })
+        let y = arrays::numbers("y", &y, self.places())?;
+        let v = for_either!(&self.kind, inner => {
+            moved(&inner.interface.contacts, &inner.factors(), y)
+        });
+        Ok(arrays::of_contacts(py, v, self.kind.count()))
     }
 
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<NewVector<'py>> {
@@ -314,7 +291,7 @@ impl PyContactVariables {
     /// `B_s u_s` at the node of each contact, in place: a motion of its own body.
     fn to_own_variables(&self, mut values: Changed<'_>) -> PyResult<()> {
         fn turn<const D: usize>(frames: &Frames<D>, values: &mut [f64]) {
-            for frame in frames.list.iter().filter(|frame| frame.node != usize::MAX) {
+            for (_, frame) in frames.with_node() {
                 let own = &mut values[D * frame.node..D * (frame.node + 1)];
                 let turned = frame.to_local * crate::linalg::small::Vector::from_column_slice(own);
                 own.copy_from_slice(turned.as_slice());
@@ -344,15 +321,6 @@ impl PyContactVariables {
     fn terms_of_forces(&self, mut values: Changed<'_>) -> PyResult<()> {
         for_either!(&self.kind, inner => inner.change(&mut values, Frames::terms_of_forces))
     }
-}
-
-/// Values of all contacts, `(n_c, d)`.
-fn from_contacts<'py, const D: usize>(
-    py: Python<'py>,
-    _: &InterfaceVariables<D>,
-    values: &[f64],
-) -> NewMatrix<'py> {
-    arrays::from_rows(py, values.as_chunks::<D>().0)
 }
 
 /// The system of one Newton step in either dimension.
@@ -408,31 +376,27 @@ impl PyContactTangent {
     }
 
     fn clear(&self, mut values: Changed<'_>) -> PyResult<()> {
-        let values = values.as_slice_mut()?;
-        arrays::length("values", values.len(), self.places())?;
+        let values = arrays::changed("values", &mut values, self.places())?;
         for_either!(&self.kind, tangent => tangent.clear(values));
         Ok(())
     }
 
     fn add_laws(&self, x: Vector<'_>, mut out: Changed<'_>) -> PyResult<()> {
-        let (x, out) = (x.as_slice()?, out.as_slice_mut()?);
-        arrays::length("x", x.len(), self.places())?;
-        arrays::length("out", out.len(), self.places())?;
+        let x = arrays::numbers("x", &x, self.places())?;
+        let out = arrays::changed("out", &mut out, self.places())?;
         for_either!(&self.kind, tangent => tangent.add_laws(x, out));
         Ok(())
     }
 
     fn pull(&self, mut z: Changed<'_>) -> PyResult<()> {
-        let z = z.as_slice_mut()?;
-        arrays::length("z", z.len(), self.places())?;
+        let z = arrays::changed("z", &mut z, self.places())?;
         for_either!(&self.kind, tangent => tangent.pull(z));
         Ok(())
     }
 
     fn add_transposed(&self, z: Vector<'_>, mut out: Changed<'_>) -> PyResult<()> {
-        let (z, out) = (z.as_slice()?, out.as_slice_mut()?);
-        arrays::length("z", z.len(), self.places())?;
-        arrays::length("out", out.len(), self.places())?;
+        let z = arrays::numbers("z", &z, self.places())?;
+        let out = arrays::changed("out", &mut out, self.places())?;
         for_either!(&self.kind, tangent => tangent.add_transposed(z, out));
         Ok(())
     }
@@ -443,30 +407,21 @@ impl PyContactTangent {
         e: Vector<'_>,
         moved: Vector<'_>,
     ) -> PyResult<NewVector<'py>> {
-        let (e, mut moved) = (e.as_slice()?, moved.as_slice()?.to_vec());
-        arrays::length("e", e.len(), self.places())?;
-        arrays::length("moved", moved.len(), self.places())?;
+        let e = arrays::numbers("e", &e, self.places())?;
+        let mut moved = arrays::numbers("moved", &moved, self.places())?.to_vec();
         let right = for_either!(&self.kind, tangent => tangent.right_side(e, &mut moved));
         Ok(arrays::from_vec(py, right))
     }
 
-    fn springs<'py>(&self, py: Python<'py>) -> PyResult<(NewIndices<'py>, NewMatrix<'py>)> {
+    fn springs<'py>(&self, py: Python<'py>) -> (NewIndices<'py>, NewMatrix<'py>) {
         let (mut nodes, mut values) = (Vec::new(), Vec::<f64>::new());
-        let columns = for_either!(&self.kind, tangent => {
+        for_either!(&self.kind, tangent => {
             for (node, spring) in tangent.springs_of_nodes() {
                 nodes.push(node);
                 values.extend(spring.iter());
             }
-            square(tangent)
         });
-        let rows = nodes.len();
-        Ok((
-            arrays::from_indices(py, nodes)?,
-            arrays::square(py, values, rows, columns)?,
-        ))
+        let values = arrays::square(py, values, nodes.len(), self.kind.count().pow(2));
+        (arrays::from_indices(py, nodes), values)
     }
-}
-
-const fn square<const D: usize>(_: &Tangent<D>) -> usize {
-    D * D
 }

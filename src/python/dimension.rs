@@ -1,6 +1,9 @@
 //! What exists in the plane and in space: the core is generic over the dimension, Python chooses
 //! it when the program runs.
 
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
 /// A value of the plane or of space.
 #[derive(Clone)]
 pub(super) enum Dimension<P, S> {
@@ -32,7 +35,23 @@ macro_rules! map_either {
     };
 }
 
+impl<P, S> Dimension<P, S> {
+    pub(super) const fn count(&self) -> usize {
+        match self {
+            Self::Plane(_) => 2,
+            Self::Space(_) => 3,
+        }
+    }
+}
+
 pub(super) use {for_either, map_either};
+
+pub(super) fn check_dimension(d: usize) -> PyResult<()> {
+    if d == 2 || d == 3 {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(format!("d is {d}, expected 2 or 3")))
+}
 
 impl Dimension<(), ()> {
     /// The dimension of arrays with so many columns.

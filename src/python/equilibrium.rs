@@ -13,7 +13,7 @@ use crate::equilibrium::statics::Statics;
 use crate::error::Error;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::python::arrays::{
-    Csr, CsrArrays, Indices, NewVector, Vector, from_vec, indices, length,
+    Csr, CsrArrays, Indices, NewVector, Vector, from_vec, indices, length, numbers,
 };
 use crate::python::interrupt;
 
@@ -120,7 +120,8 @@ impl PyConeSet {
         };
         let (offset, right) = (offset.as_slice()?.to_vec(), right.as_slice()?.to_vec());
         let sizes = indices(&sizes, "sizes")?;
-        length("sizes", sizes.iter().sum(), offset.len())?;
+        let count = sizes.iter().fold(0, |sum: usize, &n| sum.saturating_add(n));
+        length("sizes", count, offset.len())?;
         let set = ConeSet {
             rows: own(&rows, offset.len())?,
             equations: own(&equations, right.len())?,
@@ -138,8 +139,7 @@ impl PyConeSet {
         py: Python<'py>,
         cost: Vector<'py>,
     ) -> PyResult<(NewVector<'py>, bool, f64)> {
-        let cost = cost.as_slice()?;
-        length("cost", cost.len(), self.set.unknowns)?;
+        let cost = numbers("cost", &cost, self.set.unknowns)?;
         let optimum = run(py, None, |limits| self.set.minimise(cost, limits))?;
         Ok((from_vec(py, optimum.y), optimum.bounded, optimum.gap))
     }

@@ -75,6 +75,15 @@ pub(super) fn look_here() -> bool {
     stop
 }
 
+/// Runs short `work` without the interpreter lock, in a pool if it is of `many` tasks.
+pub(super) fn in_pool<T: Send>(
+    py: Python<'_>,
+    many: bool,
+    work: impl FnOnce() -> T + Send,
+) -> PyResult<T> {
+    Ok(py.detach(|| caught(|| threads::install(None, many, work)))??)
+}
+
 /// Runs `task` in the pool, and returns the exception that was raised meanwhile. It is not
 /// generic: rayon and the channel are compiled once, not for every type of a result.
 fn run_task(

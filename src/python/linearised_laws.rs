@@ -7,38 +7,15 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use crate::primal::linearised_laws::LinearisedLaws;
-use crate::python::arrays::{self, Indices, Matrix, NewMatrix, NewVector, Vector};
-use crate::python::contact_variables::{
-    Changed, Interface, InterfaceVariables, PyContactTangent, PyContactVariables,
-};
+use crate::python::arrays::{self, Changed, Indices, Matrix, NewMatrix, NewVector, Vector};
+use crate::python::contact_values::{laws, scale};
+use crate::python::contact_variables::{Interface, PyContactTangent, PyContactVariables};
 use crate::python::dimension::{Dimension, for_either, map_either};
-use crate::python::tangent::{factors, laws};
 
 /// Laws, and the interface of their contacts.
 struct InterfaceLaws<const D: usize> {
     laws: LinearisedLaws<D>,
     interface: Arc<Interface<D>>,
-}
-
-impl<const D: usize> InterfaceLaws<D> {
-    /// Nothing if a contact determines nothing.
-    fn new(
-        variables: &InterfaceVariables<D>,
-        closed: &[usize],
-        (by_r, by_v): (&Matrix<'_>, &Matrix<'_>),
-    ) -> PyResult<Option<Self>> {
-        let by_r = arrays::rows_of::<D>("by_r", by_r, D * closed.len())?;
-        let by_v = arrays::rows_of::<D>("by_v", by_v, D * closed.len())?;
-        let (interface, elliptic) = (&variables.interface, variables.elliptic.as_ref());
-        let order: Vec<usize> = (0..interface.contacts.count()).collect();
-        let factor = |i: usize, k: usize| elliptic.map_or(1.0, |s| s.factor(i, k));
-        let laws = laws(closed, &order, (by_r, by_v), factor)?;
-        let laws = LinearisedLaws::new(&interface.contacts, &interface.free, &laws);
-        Ok(laws.map(|laws| Self {
-            laws,
-            interface: Arc::clone(interface),
-        }))
-    }
 }
 
 /// The linearised laws of one step in the form of a Newton step.
@@ -65,20 +42,20 @@ impl PyLinearisedLaws {
         by_v: Matrix<'_>,
     ) -> PyResult<Option<Self>> {
         let closed = arrays::indices(&closed, "closed")?;
-        let (factors, places) = for_either!(&variables.kind, variables => (
-            factors_of(variables, &closed),
-            variables.interface.free.len(),
-        ));
+        let own;
         let kind = map_either!(&variables.kind, variables => {
-            match InterfaceLaws::new(variables, &closed, (&by_r, &by_v))? {
-                Some(laws) => laws,
+            let (given, factors) = laws(&closed, (&by_r, &by_v), &variables.factors())?;
+            let interface = Arc::clone(&variables.interface);
+            own = factors;
+            match LinearisedLaws::new(&interface.contacts, &interface.free, &given) {
+                Some(laws) => InterfaceLaws { laws, interface },
                 None => return Ok(None),
             }
         });
         Ok(Some(Self {
             kind,
-            factors,
-            places,
+            factors: own,
+            places: variables.places(),
         }))
     }
 
@@ -98,8 +75,8 @@ impl PyLinearisedLaws {
         s: Matrix<'py>,
         g: Vector<'py>,
     ) -> PyResult<Aimed<'py>> {
-        let mut s = self.values("s", &s)?;
-        let g = self.at_places("g", &g)?;
+        let mut s = arrays::numbers("s", &s, self.factors.len())?.to_vec();
+        let g = arrays::numbers("g", &g, self.places)?;
         for_either!(&mut self.kind, inner => {
             let rows = s.as_chunks_mut().0;
             inner.laws.aim(rows, g);
@@ -115,16 +92,16 @@ impl PyLinearisedLaws {
         dy: Vector<'py>,
         moved: Vector<'py>,
     ) -> PyResult<NewMatrix<'py>> {
-        let mut s = self.values("s", &s)?;
-        let dy = self.at_places("dy", &dy)?;
-        let moved = self.at_places("moved", &moved)?;
-        let g = self.at_places("g", &g)?;
+        let mut s = arrays::numbers("s", &s, self.factors.len())?.to_vec();
+        let dy = arrays::numbers("dy", &dy, self.places)?;
+        let moved = arrays::numbers("moved", &moved, self.places)?;
+        let g = arrays::numbers("g", &g, self.places)?;
         for_either!(&self.kind, inner => {
             let frames = &inner.interface.contacts.frames;
             inner.laws.reactions(frames, s.as_chunks_mut().0, g, (dy, moved));
-            self.scale(&mut s);
-            Ok(rows_of_laws(py, inner, &s))
-        })
+        });
+        scale(&mut s, &self.factors);
+        Ok(arrays::of_contacts(py, s, self.kind.count()))
     }
 
     /// `b` of the places in the transposed system with right sides `rho` of the laws and `e` of
@@ -135,10 +112,8 @@ impl PyLinearisedLaws {
         rho: Matrix<'py>,
         mut e: Changed<'py>,
     ) -> PyResult<NewVector<'py>> {
-        let mut rho = self.values("rho", &rho)?;
-        self.scale(&mut rho);
-        let e = e.as_slice_mut()?;
-        arrays::length("e", e.len(), self.places)?;
+        let rho = self.scaled(&rho)?;
+        let e = arrays::changed("e", &mut e, self.places)?;
         let b = for_either!(&self.kind, inner => inner.laws.pulled(rho.as_chunks().0, e));
         Ok(arrays::from_vec(py, b))
     }
@@ -153,45 +128,22 @@ impl PyLinearisedLaws {
         z: Vector<'py>,
         moved: Vector<'py>,
     ) -> PyResult<NewMatrix<'py>> {
-        let mut rho = self.values("rho", &rho)?;
-        self.scale(&mut rho);
-        let (e, z) = (self.at_places("e", &e)?, self.at_places("z", &z)?);
-        let mut moved = self.at_places("moved", &moved)?.to_vec();
+        let mut rho = self.scaled(&rho)?;
+        let e = arrays::numbers("e", &e, self.places)?;
+        let z = arrays::numbers("z", &z, self.places)?;
+        let mut moved = arrays::numbers("moved", &moved, self.places)?.to_vec();
         for_either!(&self.kind, inner => {
             inner.laws.multipliers(rho.as_chunks_mut().0, e, z, &mut moved);
-            Ok(rows_of_laws(py, inner, &rho))
-        })
+        });
+        Ok(arrays::of_contacts(py, rho, self.kind.count()))
     }
 }
 
 impl PyLinearisedLaws {
-    fn values(&self, what: &'static str, given: &Matrix<'_>) -> PyResult<Vec<f64>> {
-        let flat = given.as_slice()?;
-        arrays::length(what, flat.len(), self.factors.len())?;
-        Ok(flat.to_vec())
+    /// `T ρ`.
+    fn scaled(&self, rho: &Matrix<'_>) -> PyResult<Vec<f64>> {
+        let mut rho = arrays::numbers("rho", rho, self.factors.len())?.to_vec();
+        scale(&mut rho, &self.factors);
+        Ok(rho)
     }
-
-    fn at_places<'a>(&self, what: &'static str, given: &'a Vector<'_>) -> PyResult<&'a [f64]> {
-        let values = given.as_slice()?;
-        arrays::length(what, values.len(), self.places)?;
-        Ok(values)
-    }
-
-    fn scale(&self, values: &mut [f64]) {
-        for (value, t) in values.iter_mut().zip(&self.factors) {
-            *value *= t;
-        }
-    }
-}
-
-fn factors_of<const D: usize>(variables: &InterfaceVariables<D>, closed: &[usize]) -> Vec<f64> {
-    factors::<D>(closed, variables.elliptic.as_ref())
-}
-
-fn rows_of_laws<'py, const D: usize>(
-    py: Python<'py>,
-    _: &InterfaceLaws<D>,
-    values: &[f64],
-) -> NewMatrix<'py> {
-    arrays::from_rows(py, values.as_chunks::<D>().0)
 }

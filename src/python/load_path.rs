@@ -76,9 +76,8 @@ impl<const D: usize> Progress<D> {
             let contacts = (reaction, displacement, status);
             let elliptic = problem.elliptic.as_ref();
             let mut state = state_of_contacts(problem.contacts(), elliptic, contacts)?;
-            state.rigid = rigid.as_slice()?.to_vec();
             let motions = problem.problem.bodies().motions().len();
-            arrays::length("start", state.rigid.len(), motions)?;
+            state.rigid = arrays::numbers("start", rigid, motions)?.to_vec();
             PyResult::Ok(state)
         };
         let read_set = |(members, motion, inverse): &SetArrays<'_>| {

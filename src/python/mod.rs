@@ -19,7 +19,6 @@ mod dimension;
 mod equilibrium;
 mod errors;
 mod estimate;
-mod heap;
 mod interrupt;
 mod linearised_laws;
 mod load_path;
@@ -44,6 +43,11 @@ mod _core {
 
     use crate::solver::Method;
 
+    #[pyfunction]
+    fn return_heap() {
+        crate::linalg::pages::return_heap();
+    }
+
     #[pymodule_export]
     use super::assembly::{bodies, diagonal, stiffness, sum_of_cells};
     #[pymodule_export]
@@ -58,8 +62,6 @@ mod _core {
     use super::contact_variables::{PyContactTangent, PyContactVariables};
     #[pymodule_export]
     use super::equilibrium::{PyConeSet, PyDecision, PyLimitLoad, PyStatics};
-    #[pymodule_export]
-    use super::heap::return_heap;
     #[pymodule_export]
     use super::linearised_laws::PyLinearisedLaws;
     #[pymodule_export]

@@ -5,8 +5,8 @@ use pyo3::prelude::*;
 
 use crate::law::contact_law::ContactLaw;
 use crate::law::plastic_point::{Rate, respond};
-use crate::panics::caught;
 use crate::python::arrays::{self, Matrix, NewMatrix};
+use crate::python::interrupt;
 use crate::tasks;
 
 /// Points in one task: few enough for balance, many enough for the cost of a task.
@@ -39,52 +39,34 @@ fn respond_rows<'py, const D: usize, const SQUARE: usize>(
 ) -> PyResult<Responses<'py>> {
     let tau = arrays::rows::<D>(tau)?;
     let points = arrays::rows_of::<7>("points", points, tau.len())?;
-    // One task needs no other thread.
-    let pool = (tau.len() > POINTS_A_TASK)
-        .then(|| crate::threads::pool(crate::threads::count(None)?))
-        .transpose()?;
     let mut stress = vec![[0.0; D]; tau.len()];
     let mut flow = vec![[0.0; D]; tau.len()];
     let mut jacobian = vec![[0.0; SQUARE]; tau.len()];
-    let responded = py.detach(|| {
-        let parts = stress
-            .chunks_mut(POINTS_A_TASK)
-            .zip(flow.chunks_mut(POINTS_A_TASK))
-            .zip(jacobian.chunks_mut(POINTS_A_TASK));
-        let of_chunk = |chunk: usize, ((stress, flow), jacobian): Part<'_, D, SQUARE>| {
-            for k in 0..stress.len() {
-                let at = chunk * POINTS_A_TASK + k;
-                let [
-                    normal,
-                    tangential,
-                    mu,
-                    cohesion,
-                    dilatancy,
-                    hardening,
-                    before,
-                ] = points[at];
-                let law = ContactLaw {
-                    mu,
-                    cohesion,
-                    dilatancy,
-                };
-                let rate = Rate { hardening, before };
-                let response = respond(&tau[at], [normal, tangential], &law, &rate);
-                stress[k] = response.stress;
-                flow[k] = response.flow;
-                // nalgebra stores columns, NumPy reads rows.
-                for (to, &from) in jacobian[k].iter_mut().zip(&response.jacobian.transpose()) {
-                    *to = from;
-                }
-            }
-        };
-        let work = || tasks::for_each(parts, of_chunk);
-        caught(|| match &pool {
-            Some(pool) => pool.install(work),
-            None => work(),
-        })
-    });
-    responded?;
+    let parts = stress
+        .chunks_mut(POINTS_A_TASK)
+        .zip(flow.chunks_mut(POINTS_A_TASK))
+        .zip(jacobian.chunks_mut(POINTS_A_TASK));
+    let of_part = |part: usize, ((stress, flow), jacobian): Part<'_, D, SQUARE>| {
+        for k in 0..stress.len() {
+            let at = part * POINTS_A_TASK + k;
+            let [moduli @ .., mu, cohesion, dilatancy, hardening, before] = points[at];
+            let law = ContactLaw {
+                mu,
+                cohesion,
+                dilatancy,
+            };
+            let rate = Rate { hardening, before };
+            let response = respond(&tau[at], moduli, &law, &rate);
+            stress[k] = response.stress;
+            flow[k] = response.flow;
+            // nalgebra stores columns, NumPy reads rows.
+            let rows = response.jacobian.transpose();
+            jacobian[k].copy_from_slice(rows.as_slice());
+        }
+    };
+    interrupt::in_pool(py, tau.len() > POINTS_A_TASK, || {
+        tasks::for_each(parts, of_part);
+    })?;
     Ok((
         arrays::from_rows(py, &stress),
         arrays::from_rows(py, &flow),

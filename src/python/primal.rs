@@ -265,8 +265,7 @@ impl<const D: usize> Progress<D> {
             let problem = moved.as_ref().unwrap_or(problem);
             path.advance(problem, load, prescribed, settings, stop)
         })?;
-        let work = (made.newton, made.krylov, made.bytes);
-        let step = PyNewtonStep::new(py, &made.step, work, (made.reason, made.errors), elliptic)?;
+        let step = PyNewtonStep::new(py, &made.made, made.bytes, elliptic)?;
         Ok((step, arrays::from_vec(py, made.displacement)))
     }
 }

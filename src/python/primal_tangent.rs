@@ -8,11 +8,11 @@ use pyo3::prelude::*;
 use crate::linalg::amg::following::Following;
 use crate::primal::linearised::LinearisedStep;
 use crate::python::arrays::{self, CsrOutput, Indices, Matrix, NewMatrix, NewVector, Vector};
-use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
+use crate::python::contact_values::{diagonal, factors, laws, moved, offsets, scale, work};
 use crate::python::dimension::{Dimension, for_either};
 use crate::python::interrupt;
 use crate::python::primal::{PrimalArrays, PyPrimal};
-use crate::python::tangent::{Free, laws};
+use crate::python::tangent::Free;
 
 /// Linearised steps in the displacements, whose unknowns take the place of rigid motions.
 #[pyclass(frozen, name = "PrimalTangent", module = "bipot_rs._core")]
@@ -25,24 +25,26 @@ pub(super) struct PyPrimalTangent {
 }
 
 /// The arguments of a linear system: contacts, laws and right side.
-type Given<'a, 'py> = (&'a [usize], &'a Matrix<'py>, &'a Matrix<'py>, &'a [f64]);
+type Given<'a, 'py> = (&'a [usize], (&'a Matrix<'py>, &'a Matrix<'py>), &'a [f64]);
 
 #[pymethods]
 impl PyPrimalTangent {
     #[new]
     fn new(problem: &PyPrimal) -> Self {
-        let factors = for_either!(&problem.kind, problem => {
-            all_factors(&problem.problem.contacts, problem.elliptic.as_ref())
+        let kind = problem.kind.clone();
+        let factors = for_either!(&kind, inner => {
+            let contacts = 0..inner.problem.contacts.count();
+            factors(kind.count(), contacts, inner.elliptic.as_ref())
         });
         Self {
-            kind: problem.kind.clone(),
+            kind,
             factors,
             hierarchy: Mutex::new(None),
         }
     }
 
     #[getter]
-    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
+    fn diagonal<'py>(&self, py: Python<'py>) -> NewMatrix<'py> {
         let own = for_either!(&self.kind, inner => {
             diagonal(&inner.problem.contacts, &self.factors)
         });
@@ -54,7 +56,7 @@ impl PyPrimalTangent {
         for_either!(&self.kind, inner => inner.problem.order())
     }
 
-    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<CsrOutput<'py>> {
+    fn stiffness<'py>(&self, py: Python<'py>) -> CsrOutput<'py> {
         let matrix = for_either!(&self.kind, inner => inner.problem.stiffness_by_rows());
         arrays::from_csr(py, matrix)
     }
@@ -70,15 +72,13 @@ impl PyPrimalTangent {
             let e = inner.problem.force(load, prescribed)?.values;
             (offsets(&inner.problem.contacts, &self.factors, prescribed), e)
         });
-        let q = self.square(py, q)?;
-        Ok((q, arrays::from_vec(py, e)))
+        Ok((self.square(py, q), arrays::from_vec(py, e)))
     }
 
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<NewMatrix<'py>> {
-        let y = y.as_slice()?;
-        arrays::length("y", y.len(), self.order())?;
+        let y = arrays::numbers("y", &y, self.order())?;
         let v = for_either!(&self.kind, inner => moved(&inner.problem.contacts, &self.factors, y));
-        self.square(py, v)
+        Ok(self.square(py, v))
     }
 
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<NewVector<'py>> {
@@ -94,8 +94,8 @@ impl PyPrimalTangent {
         y: Vector<'py>,
         prescribed: Vector<'py>,
     ) -> PyResult<NewVector<'py>> {
-        let (y, prescribed) = (y.as_slice()?, prescribed.as_slice()?);
-        arrays::length("y", y.len(), self.order())?;
+        let prescribed = prescribed.as_slice()?;
+        let y = arrays::numbers("y", &y, self.order())?;
         let u = for_either!(&self.kind, inner => inner.problem.displacement(y, prescribed));
         Ok(arrays::from_vec(py, u))
     }
@@ -110,7 +110,7 @@ impl PyPrimalTangent {
         transposed: bool,
     ) -> PyResult<Option<NewVector<'py>>> {
         let closed = arrays::indices(&closed, "closed")?;
-        let given = (&closed[..], &by_r, &by_v, right.as_slice()?);
+        let given = (&closed[..], (&by_r, &by_v), right.as_slice()?);
         let found = for_either!(&self.kind, inner => {
             self.solved(py, inner, given, transposed)?
         });
@@ -119,35 +119,22 @@ impl PyPrimalTangent {
 }
 
 impl PyPrimalTangent {
-    fn square<'py>(&self, py: Python<'py>, values: Vec<f64>) -> PyResult<NewMatrix<'py>> {
-        let d = for_either!(&self.kind, inner => dimension(inner));
-        arrays::of_contacts(py, values, d)
+    fn square<'py>(&self, py: Python<'py>, values: Vec<f64>) -> NewMatrix<'py> {
+        arrays::of_contacts(py, values, self.kind.count())
     }
 
     fn solved<const D: usize>(
         &self,
         py: Python<'_>,
         arrays: &PrimalArrays<D>,
-        (closed, by_r, by_v, right): Given<'_, '_>,
+        (closed, law, right): Given<'_, '_>,
         transposed: bool,
     ) -> PyResult<Option<Vec<f64>>> {
         let problem = &arrays.problem;
         let m = D * closed.len();
         arrays::length("right", right.len(), m + problem.order())?;
-        let by_r = arrays::rows_of::<D>("by_r", by_r, m)?;
-        let by_v = arrays::rows_of::<D>("by_v", by_v, m)?;
-        let order: Vec<usize> = (0..problem.contacts.count()).collect();
-        let factor = |i: usize, k: usize| self.factors[D * i + k];
-        let laws = laws(closed, &order, (by_r, by_v), factor)?;
-        let scale = |own: &mut [[f64; D]]| {
-            for (own, &i) in own.iter_mut().zip(closed) {
-                for (k, value) in own.iter_mut().enumerate() {
-                    *value *= factor(i, k);
-                }
-            }
-        };
-        let mut own = right[..m].as_chunks::<D>().0.to_vec();
-        let mut rest = right[m..].to_vec();
+        let (laws, factors) = laws(closed, law, &self.factors)?;
+        let (mut own, mut rest) = (right[..m].to_vec(), right[m..].to_vec());
         let run = |stop: &AtomicBool| {
             let Some(mut system) = LinearisedStep::new(problem, &laws) else {
                 return Ok(None);
@@ -156,23 +143,20 @@ impl PyPrimalTangent {
                 .hierarchy
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner);
+            // r = T r̃.
             let reached = if transposed {
-                // r = T r̃.
-                scale(&mut own);
-                system.solve_transposed(&mut own, &mut rest, &mut hierarchy, stop)?
+                scale(&mut own, &factors);
+                let own = own.as_chunks_mut().0;
+                system.solve_transposed(own, &mut rest, &mut hierarchy, stop)?
             } else {
-                let reached = system.solve(&mut own, &mut rest, &mut hierarchy, stop)?;
-                scale(&mut own);
+                let rows = own.as_chunks_mut().0;
+                let reached = system.solve(rows, &mut rest, &mut hierarchy, stop)?;
+                scale(&mut own, &factors);
                 reached
             };
-            let mut all = own.concat();
-            all.extend(rest);
-            Ok(reached.then_some(all))
+            own.extend(rest);
+            Ok(reached.then_some(own))
         };
         interrupt::run(py, arrays.num_threads, run)
     }
-}
-
-const fn dimension<const D: usize>(_: &PrimalArrays<D>) -> usize {
-    D
 }

@@ -1,22 +1,27 @@
 //! The condensed contact problem.
 
+use std::sync::Arc;
+
 use pyo3::prelude::*;
 
 use crate::bodies::geometry::Kinematics;
 use crate::condensation::bodies::Loads as OwnLoads;
+use crate::condensation::condense::{ProblemArrays, SortedProblem};
 use crate::condensation::forecast::Notice;
 use crate::condensation::problem::Problem;
+use crate::linalg::sparse::csc::Symmetric;
 use crate::proof::uniqueness;
 use crate::python::arrays::{
     self, Csr, CsrArrays, CsrOutput, Indices, LawArrays, Matrix, NewMatrix, NewVector, Vector,
 };
 use crate::python::bound::{self, PyBound};
-use crate::python::condensed_arrays::{Arguments, CondensedArrays, StateArrays};
+use crate::python::condensed_arrays::{CondensedArrays, StateArrays};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::estimate::{self, Estimate};
+use crate::python::interrupt;
 use crate::python::stats::{PyForecast, PyStats};
 use crate::reduced::elliptic_scaling::over;
-use crate::reduced::memory;
+use crate::reduced::memory::{self, Budget};
 use crate::reduced::rotation::Rotation;
 
 type FreePartArrays<'py> = (NewMatrix<'py>, NewMatrix<'py>, NewVector<'py>);
@@ -78,36 +83,52 @@ impl PyCondensed {
         };
         let places = places.map(arrays::rows::<3>).transpose()?;
         let (law, elliptic) = law.read(gap.as_array().ncols())?;
-        let asked = Arguments {
-            stiffness: CsrArrays::new(&stiffness, "K", num_threads)?,
-            contact: CsrArrays::new(&contact, "B", num_threads)?,
-            fixed: arrays::indices(&fixed, "fixed")?,
-            law,
-            elliptic: elliptic.clone(),
-            places,
-            kinematics: mesh,
-            known: known.transpose()?,
-            limit: memory_limit.map(u128::from),
-            grow,
-            notice: notice.clone(),
-        };
+        let k = CsrArrays::new(&stiffness, "K", num_threads)?;
+        let contact = CsrArrays::new(&contact, "B", num_threads)?;
+        let fixed = arrays::indices(&fixed, "fixed")?;
+        let known = known.transpose()?;
+        let limit = memory_limit.map(u128::from);
         let before = before.as_ref().map(|problem| &problem.kind);
-        let kind = match Dimension::of(gap.as_array().ncols()) {
-            Dimension::Plane(()) => {
-                let before = match before {
-                    Some(Dimension::Plane(before)) => Some(&*before.problem),
-                    _ => None,
-                };
-                Dimension::Plane(asked.condense(py, &gap, before, (num_threads, &tell))?)
-            }
-            Dimension::Space(()) => {
-                let before = match before {
-                    Some(Dimension::Space(before)) => Some(&*before.problem),
-                    _ => None,
-                };
-                Dimension::Space(asked.condense(py, &gap, before, (num_threads, &tell))?)
-            }
+        let before = match (Dimension::of(gap.as_array().ncols()), before) {
+            (Dimension::Plane(()), Some(Dimension::Plane(own))) => Dimension::Plane(Some(own)),
+            (Dimension::Space(()), Some(Dimension::Space(own))) => Dimension::Space(Some(own)),
+            (Dimension::Plane(()), _) => Dimension::Plane(None),
+            (Dimension::Space(()), _) => Dimension::Space(None),
         };
+        let kind = map_either!(before, before => {
+            let gap = arrays::rows(&gap)?;
+            let scaling = elliptic.as_ref();
+            let before = before.map(|before| &*before.problem);
+            let notice = notice.clone();
+            let problem = interrupt::watch(py, num_threads, &tell, |stop| {
+                // The converted indices are freed before the factor is made.
+                let mut sorted = {
+                    let (k, contact) = (k, contact);
+                    let n = k.pointer.len().saturating_sub(1);
+                    SortedProblem::new(ProblemArrays {
+                        stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
+                        contact: contact.rows(),
+                        gap,
+                        law: &law,
+                        fixed: &fixed,
+                        places,
+                        kinematics: mesh,
+                        known,
+                        budget: Budget { limit },
+                    })?
+                };
+                if let Some(scaling) = scaling {
+                    sorted.surface.scale(scaling);
+                }
+                sorted.notice = notice;
+                Problem::new(sorted, grow, before, stop)
+            })?;
+            CondensedArrays {
+                problem: Arc::new(problem),
+                elliptic,
+                num_threads,
+            }
+        });
         // Small problems end before the first check.
         tell(py)?;
         Ok(Self { kind })
@@ -119,7 +140,7 @@ impl PyCondensed {
             memory::check("the dense compliance W", 8 * (n as u128).pow(2))?;
             (problem.compliance(py, |compliance| Ok(compliance.to_dense()))?, n)
         });
-        arrays::square(py, dense, n, n)
+        Ok(arrays::square(py, dense, n, n))
     }
 
     /// The blocks of `W` if it is sparse: the first block of each row, the column of each, and
@@ -152,7 +173,7 @@ impl PyCondensed {
             })?;
             Ok((
                 arrays::from_rows(py, &over(problem.elliptic.as_ref(), &part.q)),
-                problem.as_rows(py, &part.rigid.modes.columns())?,
+                problem.as_rows(py, &part.rigid.modes.columns()),
                 arrays::from_vec(py, part.rigid.load),
             ))
         })
@@ -162,13 +183,13 @@ impl PyCondensed {
         let matrix = for_either!(&self.kind, problem => {
             problem.run(py, |_| Ok(problem.problem.bodies().stiffness()))?
         });
-        arrays::from_csr(py, matrix)
+        Ok(arrays::from_csr(py, matrix))
     }
 
     fn modes<'py>(&self, py: Python<'py>) -> PyResult<NewMatrix<'py>> {
         for_either!(&self.kind, problem => {
             let modes = problem.run(py, |_| problem.problem.modes())?;
-            problem.as_rows(py, &modes)
+            Ok(problem.as_rows(py, &modes))
         })
     }
 

@@ -9,7 +9,8 @@ use pyo3::prelude::*;
 
 use crate::path::stepping::Step;
 use crate::path::working_set::Set;
-use crate::primal::newton::{Errors, Reason};
+use crate::primal::load_step::Made;
+use crate::primal::newton::Reason;
 use crate::python::arrays;
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::solver::Solution;
@@ -58,10 +59,7 @@ impl PySolution {
         let history = solution.history.iter();
         let history = history.map(|&(work, eta)| [work, eta]).collect::<Vec<_>>();
         let sequence = solution.sequence.as_ref();
-        let sequence = sequence.map(|sequence| {
-            let fields = PySequence::new(py, sequence, elliptic)?;
-            Py::new(py, fields)
-        });
+        let sequence = sequence.map(|own| Py::new(py, PySequence::new(py, own, elliptic)));
         Ok(Self {
             reaction: arrays::from_rows(py, &reaction).unbind(),
             relative_displacement: arrays::from_rows(py, &relative_displacement).unbind(),
@@ -98,25 +96,25 @@ impl PySequence {
         py: Python<'_>,
         sequence: &Sequence<D>,
         elliptic: Option<&EllipticScaling>,
-    ) -> PyResult<Self> {
+    ) -> Self {
         fn stack<'a, const D: usize>(
             py: Python<'_>,
             fields: &'a [Vec<[f64; D]>],
             scale: impl Fn(&'a [[f64; D]]) -> Cow<'a, [[f64; D]]>,
-        ) -> PyResult<Py<PyArray2<f64>>> {
+        ) -> Py<PyArray2<f64>> {
             let columns = fields.first().map_or(0, |field| D * field.len());
             let rows = fields.iter();
             let flat = rows.flat_map(|field| scale(field).as_flattened().to_vec());
-            Ok(arrays::square(py, flat.collect(), fields.len(), columns)?.unbind())
+            arrays::square(py, flat.collect(), fields.len(), columns).unbind()
         }
         let force = |field| times(elliptic, field);
         let displacement = |field| over(elliptic, field);
-        Ok(Self {
-            reaction: stack(py, &sequence.reaction, force)?,
-            balanced_reaction: stack(py, &sequence.balanced, force)?,
-            relative_displacement: stack(py, &sequence.relative_displacement, displacement)?,
+        Self {
+            reaction: stack(py, &sequence.reaction, force),
+            balanced_reaction: stack(py, &sequence.balanced, force),
+            relative_displacement: stack(py, &sequence.relative_displacement, displacement),
             bifunctional: arrays::from_vec(py, sequence.bifunctional.clone()).unbind(),
-        })
+        }
     }
 }
 
@@ -136,16 +134,13 @@ impl PyLoadStep {
         elliptic: Option<&EllipticScaling>,
         set: Option<Set>,
     ) -> PyResult<Self> {
-        let (members, motion) = match set {
-            Some(set) => (Some(set.members), set.motion),
-            None => (None, Vec::new()),
-        };
-        let members = members.map(|members| arrays::from_indices(py, members));
+        let (members, motion) = set.map(|set| (set.members, set.motion)).unzip();
+        let motion = motion.filter(|motion| !motion.is_empty());
         Ok(Self {
             solution: Py::new(py, PySolution::new(py, &step.solution, elliptic)?)?,
-            slip: slip(py, step, elliptic)?,
-            working_set: members.transpose()?.map(Bound::unbind),
-            working_motion: (!motion.is_empty()).then(|| arrays::from_vec(py, motion).unbind()),
+            slip: slip(py, step, elliptic),
+            working_set: members.map(|members| arrays::from_indices(py, members).unbind()),
+            working_motion: motion.map(|motion| arrays::from_vec(py, motion).unbind()),
         })
     }
 }
@@ -163,23 +158,21 @@ pub(super) struct PyNewtonStep {
 }
 
 impl PyNewtonStep {
-    /// `newton` and `krylov` are numbers of steps and of iterations, `bytes` those of the
-    /// multigrid hierarchy.
-    pub(super) fn new<const D: usize>(
+    pub(super) fn new<V, const D: usize>(
         py: Python<'_>,
-        step: &Step<D>,
-        (newton, krylov, bytes): (usize, usize, usize),
-        (reason, errors): (Option<Reason>, Option<Errors>),
+        made: &Made<V, D>,
+        bytes_multigrid: usize,
         elliptic: Option<&EllipticScaling>,
     ) -> PyResult<Self> {
+        let errors = made.errors;
         Ok(Self {
-            solution: Py::new(py, PySolution::new(py, &step.solution, elliptic)?)?,
-            slip: slip(py, step, elliptic)?,
-            newton,
-            krylov,
-            reason: reason.map(Reason::text),
+            solution: Py::new(py, PySolution::new(py, &made.step.solution, elliptic)?)?,
+            slip: slip(py, &made.step, elliptic),
+            newton: made.newton,
+            krylov: made.krylov,
+            reason: made.reason.map(Reason::text),
             error_estimate: errors.map(|by| (by.reaction, by.relative_displacement)),
-            bytes_multigrid: bytes,
+            bytes_multigrid,
         })
     }
 }
@@ -189,8 +182,8 @@ fn slip<const D: usize>(
     py: Python<'_>,
     step: &Step<D>,
     elliptic: Option<&EllipticScaling>,
-) -> PyResult<Py<PyArray2<f64>>> {
+) -> Py<PyArray2<f64>> {
     let slip = over(elliptic, &step.slip);
     let flat = slip.iter().flat_map(|s| s[1..].to_vec()).collect();
-    Ok(arrays::square(py, flat, step.slip.len(), D - 1)?.unbind())
+    arrays::square(py, flat, step.slip.len(), D - 1).unbind()
 }

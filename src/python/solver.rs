@@ -7,8 +7,10 @@ use pyo3::prelude::*;
 use crate::law::cone::Status;
 use crate::law::contact_law::ContactLaw;
 use crate::law::{cone, elliptic};
-use crate::panics::caught;
 use crate::python::arrays::{self, Coefficients, LawArrays, Matrix, NewMatrix, NewVector};
+use crate::python::contact_values::factors;
+use crate::python::dimension::check_dimension;
+use crate::python::interrupt;
 use crate::reduced::compliance;
 use crate::solver::{Method, Settings};
 use crate::tasks;
@@ -49,13 +51,9 @@ pub(super) fn isotropic<'py>(
     mu: Coefficients<'py>,
     d: usize,
 ) -> PyResult<Isotropic<'py>> {
-    if d != 2 && d != 3 {
-        return Err(PyValueError::new_err(format!("d is {d}, expected 2 or 3")));
-    }
+    check_dimension(d)?;
     let (mu, elliptic) = mu.friction(d)?;
-    let factor = |at: usize| elliptic.as_ref().map_or(1.0, |s| s.factor(at / d, at % d));
-    let factors = (0..d * mu.len()).map(factor).collect();
-    let factors = arrays::square(py, factors, mu.len(), d)?;
+    let factors = arrays::of_contacts(py, factors(d, 0..mu.len(), elliptic.as_ref()), d);
     Ok((factors, arrays::from_vec(py, mu)))
 }
 
@@ -93,33 +91,22 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
             "tau, mu and base have different lengths",
         ));
     }
-    let pool = crate::threads::pool(crate::threads::count(None)?)?;
     let mut out = vec![[0.0; D]; tau.len()];
     let mut status = vec![0_i8; tau.len()];
-    let projected = py.detach(|| {
-        let of_chunk = |chunk: usize, out: &mut [[f64; D]], status: &mut [i8]| {
-            let first = chunk * NODES_A_TASK;
-            for (k, (t, s)) in out.iter_mut().zip(status).enumerate() {
-                let i = first + k;
-                let (projected, found) = onto(&tau[i], base.map(|b| &b[i]), mu[i]);
-                *t = projected;
-                *s = found as i8;
-            }
-        };
-        caught(|| {
-            if tau.len() <= NODES_A_TASK {
-                of_chunk(0, &mut out, &mut status);
-            } else {
-                pool.install(|| {
-                    let parts = out
-                        .chunks_mut(NODES_A_TASK)
-                        .zip(status.chunks_mut(NODES_A_TASK));
-                    tasks::for_each(parts, |chunk, (out, status)| of_chunk(chunk, out, status));
-                });
-            }
-        })
-    });
-    projected?;
+    let outs = out.chunks_mut(NODES_A_TASK);
+    let parts = outs.zip(status.chunks_mut(NODES_A_TASK));
+    let of_part = |part: usize, (out, status): (&mut [[f64; D]], &mut [i8])| {
+        let first = part * NODES_A_TASK;
+        for (k, (t, s)) in out.iter_mut().zip(status).enumerate() {
+            let i = first + k;
+            let (projected, found) = onto(&tau[i], base.map(|b| &b[i]), mu[i]);
+            *t = projected;
+            *s = found as i8;
+        }
+    };
+    interrupt::in_pool(py, tau.len() > NODES_A_TASK, || {
+        tasks::for_each(parts, of_part);
+    })?;
     Ok((arrays::from_rows(py, &out), PyArray1::from_vec(py, status)))
 }
 

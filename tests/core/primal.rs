@@ -202,7 +202,7 @@ impl Blocks {
             let made = path
                 .advance(&problem, &load, &prescribed, &tight(), &GO)
                 .unwrap();
-            assert_eq!(made.step.solution.outcome, Outcome::Converged);
+            assert_eq!(made.made.step.solution.outcome, Outcome::Converged);
             made
         };
         self.steps().map(&mut advance).into()
@@ -220,13 +220,13 @@ impl Blocks {
             let step = path
                 .advance(&problem, &load, &prescribed, &tight(), &GO)
                 .unwrap();
-            let (found, direct) = (&made.step.solution, &step.solution);
+            let (found, direct) = (&made.made.step.solution, &step.solution);
             assert_eq!(direct.outcome, Outcome::Converged);
             assert_eq!(found.status, direct.status);
             // Of the reactions: some ten times the tolerance of both.
             let error = difference(&found.reaction, &direct.reaction);
             assert!(error <= 1e-9, "reactions differ by {error}");
-            krylov += made.krylov;
+            krylov += made.made.krylov;
             statuses.extend(&found.status);
         }
         (krylov, statuses)
@@ -331,7 +331,7 @@ fn blocks_on_blocks_as_the_direct_path() {
 fn work_does_not_grow_with_the_mesh() {
     for cells in [8, 12, 16] {
         let made = Blocks::new(cells, cells, 0.1, 0.3, false).primal();
-        let krylov: usize = made.iter().map(|step| step.krylov).sum();
+        let krylov: usize = made.iter().map(|step| step.made.krylov).sum();
         println!("{cells}: {krylov}");
         assert!(krylov <= 75, "{cells} cells: {krylov}");
     }
@@ -343,7 +343,7 @@ fn same_bits_on_one_and_two_threads() {
     let run = |threads| {
         let made = with_threads(threads, || blocks.primal());
         let all = |step: &PrimalStep<3>| {
-            let reactions = step.step.solution.reaction.as_flattened();
+            let reactions = step.made.step.solution.reaction.as_flattened();
             [bits(&step.displacement), bits(reactions)]
         };
         made.iter().flat_map(all).collect::<Vec<_>>()

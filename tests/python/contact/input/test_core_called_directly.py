@@ -430,6 +430,12 @@ def test_every_function_of_the_core_is_called() -> None:
     assert set(_core.__all__) - rest <= called
 
 
+def called(name: str, place: int, other: Any) -> None:
+    """Calls with another argument at this place."""
+    call, good = ENTRIES[name]
+    call(*good[:place], other, *good[place + 1 :])
+
+
 @pytest.mark.parametrize("name", ENTRIES)
 def test_no_panic(name: str) -> None:
     call, good = ENTRIES[name]
@@ -461,6 +467,9 @@ def test_no_panic(name: str) -> None:
             "contact 0 is out of range, or twice",
         ),
         (lambda: ENTRIES["Path"][0](tuple(x[:1] for x in ODD[-1])), "start"),
+        (lambda: called("Statics", 1, 2**64 - 1), "e has length 2, expected 1844"),
+        # 2 (2⁶³ − 1) + 6 is 4 in 64 bits.
+        (lambda: called("ConeSet", 2, np.array([2**63 - 1] * 2 + [6])), "sizes has"),
     ],
 )
 def test_indices_beyond_an_array_are_reported(call: Call, said: str) -> None:
