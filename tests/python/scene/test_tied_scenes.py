@@ -16,11 +16,17 @@ from support.comparisons import bits, close, near, refused
 SOLVED = 1e-9
 
 
-def pad(whole: bool) -> bp.Model:
-    """The scene `twisted_pad`, coarse; or all four sectors of it."""
-    m = bp.Model.from_toml("twisted_pad").with_(**{"mesh.n": 4})
-    if not whole:
-        return m
+def coarse(name: str) -> bp.Model:
+    if name == "gripped":
+        return gripped()
+    return bp.Model.from_toml(name).with_(
+        **{"mesh.n": 4 if name == "twisted_pad" else 20}
+    )
+
+
+def whole_pad() -> bp.Model:
+    """All four sectors of the scene `twisted_pad`."""
+    m = coarse("twisted_pad")
     table = m.to_dict()
     side = {"from": -20.0, "to": 20.0, "cells": "2*n"}
     table["body"]["pad"] |= {"x": side, "y": side}
@@ -43,26 +49,23 @@ def block() -> bp.Model:
 
 
 def test_a_sector_is_a_quarter_of_the_pad() -> None:
-    part, whole = pad(False).solve(tol=1e-13), pad(True).solve(tol=1e-13)
-    sector, four = part.case.model, whole.case.model
-    _, at = cKDTree(four.nodes).query(sector.nodes)
+    part, whole = (m.solve(tol=1e-13) for m in (coarse("twisted_pad"), whole_pad()))
+    _, at = cKDTree(whole.case.model.nodes).query(part.case.model.nodes)
     u = whole.displacement.reshape(len(whole), -1, 3)[:, at]
-    v = part.displacement.reshape(len(part), -1, 3)
-    close(v, u, SOLVED)
+    close(part.displacement.reshape(len(part), -1, 3), u, SOLVED)
     force, full = part.contact_force("pad.bottom"), whole.contact_force("pad.bottom")
     np.testing.assert_allclose(4 * force[:, 2], full[:, 2], rtol=SOLVED)
     near(full[:, :2], 0, SOLVED * full.max())
 
 
 def test_a_pushed_punch() -> None:
-    m = bp.Model.from_toml("pushed_punch").with_(**{"mesh.n": 20})
+    m = coarse("pushed_punch")
     assert m.check() == []
     result = m.solve()
     force, moment = result.reference_force("punch")
-    on_block = result.contact_force("block.top")
     # The obstacle is pushed by 250, and balances the contacts in both directions.
     np.testing.assert_allclose(force[:, 1], -250, rtol=SOLVED)
-    near(on_block, force, SOLVED * 250)
+    near(result.contact_force("block.top"), force, SOLVED * 250)
     assert moment.shape == (4, 0)
     motion, _ = result.reference_motion("punch")
     # The displacement along x is prescribed, and not part of this motion.
@@ -74,16 +77,11 @@ def test_a_pushed_punch() -> None:
 @pytest.mark.parametrize("name", ["pushed_punch", "twisted_pad"])
 @pytest.mark.slow_variants("pushed_punch-iterative")
 def test_resumed_and_automatic_paths(name: str, engine: str, tmp_path: Path) -> None:
-    m = bp.Model.from_toml(name).with_(**{"mesh.n": 4 if name == "twisted_pad" else 20})
+    m = coarse(name)
     m.solver(engine=engine, tol=1e-11)
-    result = m.solve()
-    case = m.assemble()
-    part = case.problem().solve(
-        None if case.load is None else case.load[:2],
-        case.prescribed[:2],
-        tol=1e-11,
-        gap=None if case.gaps is None else case.gaps[:2],
-    )
+    result, case = m.solve(), m.assemble()
+    load, gap = (x if x is None else x[:2] for x in (case.load, case.gaps))
+    part = case.problem().solve(load, case.prescribed[:2], tol=1e-11, gap=gap)
     part.save(tmp_path / "part.h5", displacements=True)
     rest = m.solve(start=bp.load(tmp_path / "part.h5"))
     assert bits(rest, result[2:])
@@ -102,13 +100,6 @@ def gripped() -> bp.Model:
     return m
 
 
-def coarse(name: str) -> bp.Model:
-    if name == "gripped":
-        return gripped()
-    n = 4 if name == "twisted_pad" else 20
-    return bp.Model.from_toml(name).with_(**{"mesh.n": n})
-
-
 @pytest.mark.parametrize("name", ["pushed_punch", "twisted_pad", "gripped"])
 @pytest.mark.slow_variants("pushed_punch")
 def test_run_writes_the_files_of_the_model(name: str, tmp_path: Path) -> None:
@@ -117,16 +108,13 @@ def test_run_writes_the_files_of_the_model(name: str, tmp_path: Path) -> None:
     assert bp.Model.from_toml(tmp_path / "it.toml") == m
     run = bipot("run", "it.toml", "--out", "one", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    result = bp.load(tmp_path / "one" / "result.h5")
-    solved = m.solve()
+    result, solved = bp.load(tmp_path / "one" / "result.h5"), m.solve()
     assert bits(result, solved)
-    nodes = solved.case.model.nodes
+    nodes, u = solved.case.model.nodes, result.displacement[-1]
     assert result.mesh is not None
     np.testing.assert_array_equal(result.mesh.nodes, nodes)
-    u = result.displacement[-1]
-    np.testing.assert_array_equal(
-        result.mesh.of_nodes(u), u[: nodes.size].reshape(nodes.shape)
-    )
+    of_nodes = u[: nodes.size].reshape(nodes.shape)
+    np.testing.assert_array_equal(result.mesh.of_nodes(u), of_nodes)
     solved.save(tmp_path / "saved.h5")
     assert bits(bp.load(tmp_path / "saved.h5"), solved)
 
@@ -145,20 +133,14 @@ def test_the_force_of_an_obstacle_acts_once(second: str) -> None:
 
 def test_remote_force_motion_and_distribution() -> None:
     m = block()
-    m.remote(
-        "grip",
-        on="it.top",
-        point=[0.4, 2.0],
-        move={"y": m.times(-0.01, "press")},
-        force={"x": m.times(0.3, "pull")},
-        moment={"z": 0.0},
-    )
+    at: Any = {"on": "it.top", "point": [0.4, 2.0]}
+    pull, down = {"x": m.times(0.3, "pull")}, {"y": m.times(-0.01, "press")}
+    m.remote("grip", **at, move=down, force=pull, moment={"z": 0.0})
     m.path(press=[1.0, 1.0], pull=[0.0, 1.0])
     assert m.check() == []
     result = m.solve()
     force, moment = result.reference_force("grip")
-    on_block = result.contact_force("it.bottom")
-    near(force, -on_block, SOLVED * force.max())
+    near(force, -result.contact_force("it.bottom"), SOLVED * force.max())
     near(force[:, 0], [0, 0.3], SOLVED)
     near(moment, 0, SOLVED)
     motion, turn = result.reference_motion("grip")
@@ -166,19 +148,17 @@ def test_remote_force_motion_and_distribution() -> None:
     assert turn.shape == (2, 1)
     # The same by prescribing all that was found.
     m = block()
-    degrees = float(np.rad2deg(turn[0, 0]))
     moved = {"x": float(motion[0, 0]), "y": -0.01}
-    m.remote("grip", on="it.top", point=[0.4, 2.0], move=moved, turn={"z": degrees})
-    again = m.solve()
-    near(again.displacement[0], result.displacement[0], SOLVED * 0.01)
+    m.remote("grip", **at, move=moved, turn={"z": float(np.rad2deg(turn[0, 0]))})
+    near(m.solve().displacement[0], result.displacement[0], SOLVED * 0.01)
     # A distributed force is statically the same, and the surface deforms.
-    m = block()
+    m, plain = block(), block()
     m.remote("push", on="it.top", distributed=True, force={"y": -2.0}, point=[0.5, 1.0])
-    plain = block()
     plain.traction("it.top", y=-2.0)
-    near(m.solve().displacement, plain.solve().displacement, 1e-14)
+    spread = m.solve()
+    near(spread.displacement, plain.solve().displacement, 1e-14)
     with refused("there is no reference point 'push': the model"):
-        m.solve().reference_motion("push")
+        spread.reference_motion("push")
 
 
 def test_a_held_point_inside() -> None:
@@ -206,40 +186,37 @@ def test_a_periodic_layer() -> None:
     np.testing.assert_allclose(u[top, 1], -2 / modulus, rtol=SOLVED)
 
 
+def remote(**table: Any) -> dict[str, Any]:
+    return {"remote.a": {"on": "it.top"} | table}
+
+
+def cyclic(onto: str, sectors: int) -> dict[str, Any]:
+    return {"cyclic": [{"on": "it.left", "onto": onto, "sectors": sectors}]}
+
+
+LID = {"plane": {"point": [0.0, 1.0], "normal": [0.0, -1.0]}, "force": {"y": 1.0}}
 WRONG: list[tuple[dict[str, Any], str]] = [
+    (remote(on="it.tpo", force={"x": 1.0}), "remote.a.on: there is no surface"),
+    (remote(), "remote.a: needs move, turn, force or moment"),
     (
-        {"remote.a": {"on": "it.tpo", "force": {"x": 1.0}}},
-        "remote.a.on: there is no surface",
-    ),
-    ({"remote.a": {"on": "it.top"}}, "remote.a: needs move, turn, force or moment"),
-    (
-        {"remote.a": {"on": "it.top", "move": {"x": 1.0}, "force": {"x": 1.0}}},
+        remote(move={"x": 1.0}, force={"x": 1.0}),
         "remote.a.force.x: remove it or remote.a.move.x: a component is either",
     ),
     (
-        {"remote.a": {"on": "it.top", "turn": {"x": 1.0}}},
+        remote(turn={"x": 1.0}),
         "remote.a.turn.x: remove it, in two dimensions the only axis is z",
     ),
     (
-        {"remote.a": {"on": "it.top", "distributed": True, "move": {"x": 1.0}}},
+        remote(distributed=True, move={"x": 1.0}),
         "remote.a.move: remove it, or distributed: a part that may deform has no",
     ),
     (
-        {"remote.a": {"on": "it.top", "force": {"z": 1.0}}},
+        remote(force={"z": 1.0}),
         "remote.a.force.z: remove it, the scene has two dimensions",
     ),
-    (
-        {"cyclic": [{"on": "it.left", "onto": "it.left", "sectors": 4}]},
-        "cyclic.0.onto: should be",
-    ),
-    (
-        {"cyclic": [{"on": "it.left", "onto": "it.bottom", "sectors": 1}]},
-        "cyclic.0.sectors: should",
-    ),
-    (
-        {"cyclic": [{"on": "it.left", "onto": "it.bottom", "sectors": 3}]},
-        "surfaces it.left and it.bottom do not repeat each other",
-    ),
+    (cyclic("it.left", 4), "cyclic.0.onto: should be"),
+    (cyclic("it.bottom", 1), "cyclic.0.sectors: should"),
+    (cyclic("it.bottom", 3), "surfaces it.left and it.bottom do not repeat each other"),
     (
         {"periodic": [{"on": "it.left", "onto": "it.rigth"}]},
         "periodic.0.onto: there is no surface",
@@ -253,23 +230,11 @@ WRONG: list[tuple[dict[str, Any], str]] = [
         "support.0.at: should have 2 comp",
     ),
     (
-        {
-            "obstacle.o": {
-                "plane": {"point": [0.0, 1.0], "normal": [0.0, -1.0]},
-                "move": {"y": 1.0},
-                "force": {"y": 1.0},
-            }
-        },
+        {"obstacle.o": LID | {"move": {"y": 1.0}}},
         "obstacle.o.force.y: remove it or obstacle.o.move.y: a component is either",
     ),
     (
-        {
-            "obstacle.o": {
-                "plane": {"point": [0.0, 1.0], "normal": [0.0, -1.0]},
-                "force": {"y": 1.0},
-            },
-            "solver.engine": "petsc",
-        },
+        {"obstacle.o": LID, "solver.engine": "petsc"},
         "solver.engine: should not be 'petsc', which does not support obstacle.o.force",
     ),
 ]
