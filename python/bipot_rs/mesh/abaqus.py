@@ -20,7 +20,7 @@ import numpy as np
 
 from bipot_rs._lib.text_files import real, whole, without
 from bipot_rs._lib.types import Ints
-from bipot_rs.mesh.content import Content
+from bipot_rs.mesh.elements import Content
 from bipot_rs.mesh.kinds import FACETS, OF_VTK
 
 S = TypeVar("S")

@@ -7,6 +7,8 @@ element, and the mapping is isoparametric.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from bipot_rs._lib.messages import place
@@ -171,3 +173,19 @@ def cross(u: Floats, v: Floats) -> Floats:
     """Vector products of ``(q, 3, parts)``."""
     (u0, u1, u2), (v0, v1, v2) = u.swapaxes(0, 1), v.swapaxes(0, 1)
     return np.stack([u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0], axis=1)
+
+
+@dataclass
+class Content:
+    """The content of a file."""
+
+    points: Floats  # (places, 3)
+    blocks: list[tuple[str, Ints]]  # kind of cells in VTK's names
+    # Name to one array of cells for each block
+    sets: dict[str, list[Ints]] = field(default_factory=dict)
+    # As `sets`; the set means all boundary facets of these cells
+    free: dict[str, list[Ints]] = field(default_factory=dict)
+    # Name to indices of points
+    node_sets: dict[str, Ints] = field(default_factory=dict)
+    # Name to corners of each face
+    faces: dict[str, list[tuple[int, ...]]] = field(default_factory=dict)

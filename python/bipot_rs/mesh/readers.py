@@ -34,8 +34,7 @@ from bipot_rs._lib.text_files import strip_mark, without
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Ints
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups
-from bipot_rs.mesh.content import Content
-from bipot_rs.mesh.elements import facet_nodes, keep_topology, make_mesh
+from bipot_rs.mesh.elements import Content, facet_nodes, keep_topology, make_mesh
 from bipot_rs.mesh.kinds import OF_VTK, ElementMesh
 from bipot_rs.mesh.quality import check_mesh
 

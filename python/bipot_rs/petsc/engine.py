@@ -19,9 +19,8 @@ from bipot_rs.contact.path.iterative import UncondensedStep
 from bipot_rs.contact.path.springs import Springs
 from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.solution import Step as WholeStep
-from bipot_rs.petsc.interface import SharedPlaces
 from bipot_rs.petsc.linear.solver import LinearSolver
-from bipot_rs.petsc.operator import Operator
+from bipot_rs.petsc.operator import Operator, SharedPlaces
 from bipot_rs.petsc.result import Step
 
 

@@ -30,15 +30,17 @@ from bipot_rs.petsc.bodies import (
     rigid_motions,
 )
 from bipot_rs.petsc.engine import Copies, PetscEngine
-from bipot_rs.petsc.interface import SharedPlaces
 from bipot_rs.petsc.library import Library
 from bipot_rs.petsc.linear import options
 from bipot_rs.petsc.linear.joined import JoinedBodies
-from bipot_rs.petsc.linear.one_rank import OneRankFactor
-from bipot_rs.petsc.linear.preconditioner import ChosenPreconditioner, Preconditioner
+from bipot_rs.petsc.linear.preconditioner import (
+    ChosenPreconditioner,
+    OneRankFactor,
+    Preconditioner,
+)
 from bipot_rs.petsc.linear.solver import LinearSolver
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart, make_transformation
-from bipot_rs.petsc.operator import Operator
+from bipot_rs.petsc.operator import Operator, SharedPlaces
 
 # Bytes of a factor in the plane for each unknown. It grows as n log n: this is more than enough.
 _PLANE_FACTOR = 2000.0

@@ -12,7 +12,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.plots import style
 from bipot_rs.plots.body import cells_in_plane, facets_in_space
-from bipot_rs.plots.geometry.boundary_facets import skin
+from bipot_rs.plots.geometry.triangles import skin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

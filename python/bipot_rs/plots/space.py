@@ -24,8 +24,7 @@ from bipot_rs.plots.data import (
     look,
     model_of,
 )
-from bipot_rs.plots.geometry.boundary_facets import sharp_edges
-from bipot_rs.plots.geometry.triangles import corners, cut
+from bipot_rs.plots.geometry.triangles import corners, cut, sharp_edges
 from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, is_plane, span, values_of
 

@@ -14,7 +14,7 @@ from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.scene.schema.contact import Rigid
-from bipot_rs.scene.schema.path import Amplitude
+from bipot_rs.scene.schema.load import Amplitude
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import Varying
 

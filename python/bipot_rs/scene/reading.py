@@ -17,9 +17,8 @@ from bipot_rs.scene.library import folder_of, text
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
 from bipot_rs.scene.schema.formula import Formulas
-from bipot_rs.scene.schema.messages import describe_error
+from bipot_rs.scene.schema.messages import describe_error, standing
 from bipot_rs.scene.schema.root import Scene, Solver
-from bipot_rs.scene.schema.suggestions import standing
 
 
 def read(name: str, settings: Sequence[str] = ()) -> Scene:

@@ -11,7 +11,7 @@ import bipot_rs as bp
 from bipot_rs.discretisation import discretisation_error
 from bipot_rs.scene import assemble, bodies, read
 from bipot_rs.scene.histories import evaluate_amplitude
-from bipot_rs.scene.schema.path import Amplitude
+from bipot_rs.scene.schema.load import Amplitude
 from support.children import bipot, resumed
 from support.comparisons import bits, refused
 

@@ -117,7 +117,7 @@ def solve(given: Given) -> Given:
 
 def unfactored(given: Given) -> Given:
     """A load path where the first rank fails to factor."""
-    from bipot_rs.petsc.linear.one_rank import OneRankFactor
+    from bipot_rs.petsc.linear.preconditioner import OneRankFactor
 
     def failing(_self: Any, _parts: Any) -> str:
         return "no factor today"

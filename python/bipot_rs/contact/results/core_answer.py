@@ -60,7 +60,7 @@ def _fields(core: _core.ReducedSolution, **counts: int) -> OpenRecord:
     """Fields of a `Solution`; ``counts`` are entries of its ``stats``."""
     sequence = None
     if core.minimising_sequence is not None:
-        from bipot_rs.contact.results.minimising_sequence import read_sequence
+        from bipot_rs.contact.results.error_bound import read_sequence
 
         sequence = read_sequence(core.minimising_sequence, core.reaction.shape)
     return {

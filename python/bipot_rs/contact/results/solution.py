@@ -26,7 +26,7 @@ from bipot_rs.contact.results.derivatives import (
 from bipot_rs.contact.results.error_bound import ErrorBound
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.results.minimising_sequence import MinimisingSequence
+    from bipot_rs.contact.results.error_bound import MinimisingSequence
 
 # A solution, or a step, that is asked about.
 S = TypeVar("S", contravariant=True)

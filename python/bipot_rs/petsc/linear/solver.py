@@ -9,8 +9,11 @@ import bipot_rs._core as _core
 from bipot_rs._lib.types import PetscVec
 from bipot_rs.petsc import tuning
 from bipot_rs.petsc.linear import options
-from bipot_rs.petsc.linear.one_rank import NotFactoredError
-from bipot_rs.petsc.linear.preconditioner import ChosenPreconditioner, Preconditioner
+from bipot_rs.petsc.linear.preconditioner import (
+    ChosenPreconditioner,
+    NotFactoredError,
+    Preconditioner,
+)
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
 from bipot_rs.petsc.operator import Operator
 

@@ -12,14 +12,15 @@ from bipot_rs.scene.schema.load import (
     BodyForce,
     Foundation,
     InitialStrain,
+    LoadPath,
     Mirror,
     Prescribed,
     Pressure,
     Traction,
+    WearTable,
 )
 from bipot_rs.scene.schema.material import Elastic
 from bipot_rs.scene.schema.mesh import BodyTable, Mesh
-from bipot_rs.scene.schema.path import LoadPath, WearTable
 from bipot_rs.scene.schema.table import (
     AXES,
     KIND,

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs.contact.results.minimising_sequence import MinimisingSequence
+from bipot_rs.contact.results.error_bound import MinimisingSequence
 from bipot_rs.theory.functionals import Functionals, of_problem
 from support.random_problems import random_problem as held_problem
 
