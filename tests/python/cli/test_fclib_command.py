@@ -169,9 +169,8 @@ def test_exit_status_is_the_worst(
     tmp_path: Path, stuck: str, floating: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """2 before 3 before 1 before 0, in any order of the files."""
-    slow = tmp_path / "slow.hdf5"
+    slow, missing = (str(tmp_path / f"{name}.hdf5") for name in ("slow", "missing"))
     fclib.write(slow, pressed.cube())
-    missing = str(tmp_path / "missing.hdf5")
 
     def status(*files: str) -> int:
         # No method finishes within a nanosecond.
@@ -180,9 +179,8 @@ def test_exit_status_is_the_worst(
 
     # The geometry is refused before the time limit is checked.
     assert status(stuck) == status(floating) == 1
-    assert status(str(slow)) == 3
-    assert status(stuck, str(slow)) == status(str(slow), stuck) == 3
-    assert status(missing, str(slow), stuck) == status(stuck, missing) == 2
+    assert status(slow) == status(stuck, slow) == status(slow, stuck) == 3
+    assert status(missing, slow, stuck) == status(stuck, missing) == 2
     outcomes = {row["outcome"] for row in rows(capsys.readouterr().out)}
     assert outcomes == {"no_equilibrium", "time_limit", "unreadable"}
 

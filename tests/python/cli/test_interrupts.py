@@ -100,8 +100,7 @@ def test_after_the_last_file_the_run_has_ended(tmp_path: Path) -> None:
 
 
 def test_an_earlier_result_is_replaced_by_load_steps_only(tmp_path: Path) -> None:
-    whole = bipot(*RUN, cwd=tmp_path)
-    assert whole.returncode == 0
+    assert bipot(*RUN, cwd=tmp_path).returncode == 0
     before = (tmp_path / "here" / "result.h5").read_bytes()
     run = bipot_with(hit(INT), "bipot_rs.scene.build:bodies", *RUN, cwd=tmp_path)
     assert run.returncode == 130

@@ -482,47 +482,44 @@ def test_a_rank_with_another_file(tmp_path: Path) -> None:
     soon(done, 2, "rank 1 of 2", "another scene")
 
 
+# The disk of a rank is full when it writes its part of the bodies, or its third result.
 FULL = """
-import resource, bipot_rs.fem.paraview as it
-add = it.BodySeries.add
-def full(*given, **named):
-    resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+import resource, bipot_rs.fem.paraview as bodies, bipot_rs.files.export as export
+add, write, count = bodies.BodySeries.add, export._digest, [0]
+def full(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+def add_full(*given, **named):
+    full(500)
     return add(*given, **named)
-it.BodySeries.add = full
-"""
-
-
-@pytest.mark.parametrize("rank", [0, 1])
-@pytest.mark.slow_variants("0")
-def test_a_full_disk_on_one_rank(rank: int, tmp_path: Path) -> None:
-    done = bipot(2, *LONG, cwd=tmp_path, fault=FULL, at=rank)
-    soon(done, 2, f"rank {rank} of 2", "cannot write", os.strerror(27))
-    # The load steps are those of the checkpoint.
-    assert len(bp.load(tmp_path / "here" / RESULT)) == 6
-    assert strays(tmp_path / "here") == []
-
-
-FULL_RESULT = """
-import resource, bipot_rs.files.export as it
-write = it._digest
-count = [0]
-def full(*given):
+def write_full(*given):
     count[0] += 1
     if count[0] == 3:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
+        full(5000)
     return write(*given)
-it._digest = full
 """
 
 
-@pytest.mark.slow
-def test_a_full_disk_under_the_result(tmp_path: Path) -> None:
-    """The file keeps the steps before, whole."""
-    done = bipot(2, *LONG, cwd=tmp_path, fault=FULL_RESULT, at=0)
-    soon(done, 2, "rank 0 of 2", "cannot write")
+@pytest.mark.parametrize(
+    ("place", "rank", "steps"),
+    [
+        ("bodies.BodySeries.add = add_full", 1, 6),
+        ("bodies.BodySeries.add = add_full", 0, 6),
+        ("export._digest = write_full", 0, 2),
+    ],
+)
+@pytest.mark.quick_variants("*-1-6")
+def test_a_full_disk_on_one_rank(
+    place: str, rank: int, steps: int, tmp_path: Path
+) -> None:
+    """The load steps are those of the last checkpoint, which is whole."""
+    done = bipot(2, *LONG, cwd=tmp_path, fault=FULL + place, at=rank)
+    soon(done, 2, f"rank {rank} of 2", "cannot write", os.strerror(27))
     loaded = bp.load(tmp_path / "here" / RESULT)
-    assert len(loaded) == 2
-    assert not loaded.success
+    assert len(loaded) == steps
+    if steps == 6:
+        assert strays(tmp_path / "here") == []
+    else:
+        assert not loaded.success
 
 
 @pytest.mark.parametrize("rank", [0, 1])

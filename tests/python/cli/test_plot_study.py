@@ -1,6 +1,7 @@
 """`bipot plot` of a sweep: what is drawn, what is left out, and names of columns."""
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,17 +28,13 @@ def made(
     """
     folder.mkdir(exist_ok=True)
     done: dict[int, dict[str, Any]] = {}
-    for n in meshes:
-        for mu in ("0.3", "0.1", "0.2", "0.4"):
-            row: dict[str, Any] = {"mesh.n": n, "contact.0.mu": mu, "message": ""}
-            row["outcome"] = {"0.1": "not converged", "0.4": "lost"}.get(mu, "solved")
-            if mu != "0.4":
-                size = n if isinstance(n, int) else 1
-                row |= {
-                    f"max_pressure of {surface}": float(mu) * size
-                    for surface in surfaces
-                } | {"seconds": 0.5, "steps": 2}
-            done[len(done)] = row
+    for k, (n, mu) in enumerate(product(meshes, ("0.3", "0.1", "0.2", "0.4"))):
+        done[k] = {"mesh.n": n, "contact.0.mu": mu, "message": ""}
+        done[k]["outcome"] = {"0.1": "not converged", "0.4": "lost"}.get(mu, "solved")
+        if mu != "0.4":
+            pressure = float(mu) * (n if isinstance(n, int) else 1)
+            names = [f"max_pressure of {surface}" for surface in surfaces]
+            done[k] |= dict.fromkeys(names, pressure) | {"seconds": 0.5, "steps": 2}
     write(folder / "sweep.csv", ["mesh.n", "contact.0.mu"], done)
     record = StudyRecord("some", [], [], None, None, "A title", UNITS, "0", len(done))
     write_record(folder, record)
@@ -46,15 +43,15 @@ def made(
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The axes of every picture of a study."""
-    drawn_axes: list[Any] = []
+    kept: list[Any] = []
     original = picture.style.axes_of
 
     def axes_of(*arguments: Any) -> Any:
-        drawn_axes.append(original(*arguments))
-        return drawn_axes[-1]
+        kept.append(original(*arguments))
+        return kept[-1]
 
     monkeypatch.setattr(picture.style, "axes_of", axes_of)
-    return drawn_axes
+    return kept
 
 
 # Marks of solved rows, a mark for each series.

@@ -105,9 +105,8 @@ def test_check_ends_before_the_factorisation(monkeypatch: pytest.MonkeyPatch) ->
     assert ended == [1]
 
 
-@pytest.mark.parametrize(
-    ("settings", "remark"),
-    [
+def test_check_remarks() -> None:
+    for settings, remark in (
         (
             ["contact.0.plane.point=[0,0,5]"],
             "25 of the 25 nodes of surface 'bottom' of body 'cube' start inside",
@@ -121,11 +120,9 @@ def test_check_ends_before_the_factorisation(monkeypatch: pytest.MonkeyPatch) ->
             ["support.0.z=0.0", "path.amplitude.shear=[0.0, 0.0]"],
             "nothing moves: there is no load, all prescribed displacements",
         ),
-    ],
-)
-def test_check_remarks(settings: list[str], remark: str) -> None:
-    told = checking.check("sheared_cube", ["mesh.n=4", *settings])["remarks"]
-    assert any(remark in line for line in told), told
+    ):
+        told = checking.check("sheared_cube", ["mesh.n=4", *settings])["remarks"]
+        assert any(remark in line for line in told), told
 
 
 @pytest.mark.parametrize("name", shipped())

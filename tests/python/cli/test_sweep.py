@@ -26,7 +26,7 @@ def table(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_values_of_a_setting() -> None:
+def test_values_of_settings_and_ranges() -> None:
     for setting, key, found in (
         ("mesh.n=4,8", "mesh.n", ["4", "8"]),
         ("a.b=[0,0,1],[0,1,0]", "a.b", ["[0,0,1]", "[0,1,0]"]),
@@ -34,26 +34,16 @@ def test_values_of_a_setting() -> None:
         ("a={ x = 1, y = 2 }", "a", ["{ x = 1, y = 2 }"]),
     ):
         assert values(setting) == (key, found)
-
-
-@pytest.mark.parametrize(
-    ("setting", "found"),
-    [
+    for setting, found in (
         ("n=4:16:4", ["4", "8", "12", "16"]),
         ("n=4:5:3", ["4.0", "4.5", "5.0"]),
         ("mu=0.1:0.5:5", ["0.1", "0.2", "0.3", "0.4", "0.5"]),
         ("mu=0.5:0.1:2", ["0.5", "0.1"]),
         ("mu=1e-3:1e-3:1", ["0.001"]),
         ("n=-2:2:5", ["-2", "-1", "0", "1", "2"]),
-    ],
-)
-def test_values_of_a_range(setting: str, found: list[str]) -> None:
-    assert space_values(setting)[1] == found
-
-
-@pytest.mark.parametrize(
-    ("setting", "why"),
-    [
+    ):
+        assert space_values(setting)[1] == found
+    for setting, why in (
         ("4:9:4", "KEY is missing"),
         ("n=4:9", "has 2 parts instead of three"),
         ("n=4:9:0.5", "FROM and TO must be numbers, COUNT an integer"),
@@ -61,26 +51,12 @@ def test_values_of_a_range(setting: str, found: list[str]) -> None:
         ("=1:2:3", "KEY is missing"),
         ("mu=nan:1:3", "a value is beyond 1e300"),
         ("mu=1:2:1", "COUNT is 1, but FROM 1.0 and TO 2.0 differ"),
-    ],
-)
-def test_wrong_ranges(setting: str, why: str) -> None:
-    with pytest.raises(ValueError, match=f"--range {setting}: {why}"):
-        space_values(setting)
+    ):
+        with pytest.raises(ValueError, match=f"--range {setting}: {why}"):
+            space_values(setting)
 
 
-@pytest.mark.parametrize(
-    ("spoil", "why"),
-    [
-        (
-            lambda text: "".join(text.splitlines(True)[:-1]) + "1,0.3",
-            "row 2 does not have",
-        ),
-        (lambda text: text.replace("row,", "raw,"), "not the table of a sweep"),
-        (lambda text: text[:-4] + '"open', "is damaged"),
-        (lambda _: "", "not the table of a sweep"),
-    ],
-)
-def test_a_damaged_table_is_named(spoil: Any, why: str, bipot: Bipot) -> None:
+def test_a_damaged_table_is_named(bipot: Bipot) -> None:
     path = Path("here/sweep.csv")
     path.parent.mkdir()
     # The table of a sweep of two rows, without its numbers.
@@ -89,15 +65,21 @@ def test_a_damaged_table_is_named(spoil: Any, why: str, bipot: Bipot) -> None:
         for k, mu in enumerate(("0.2", "0.3"))
     }
     write_table(path, ["contact.0.mu"], done)
-    path.write_text(spoil(path.read_text()))
-    for words in (
-        (*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--resume"),
-        ("plot", "here", "--x", "contact.0.mu", "--y", "steps"),
+    table = path.read_text()
+    resume = (*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--resume")
+    plot = ("plot", "here", "--x", "contact.0.mu", "--y", "steps")
+    for damaged, why in (
+        ("".join(table.splitlines(True)[:-1]) + "1,0.3", "row 2 does not have"),
+        (table.replace("row,", "raw,"), "not the table of a sweep"),
+        (table[:-4] + '"open', "is damaged"),
+        ("", "not the table of a sweep"),
     ):
-        status, out, err = bipot(*words)
-        assert (status, out) == (2, "")
-        assert "here/sweep.csv" in err
-        assert why in err
+        path.write_text(damaged)
+        for words in (resume, plot):
+            status, out, err = bipot(*words)
+            assert (status, out) == (2, "")
+            assert "here/sweep.csv" in err
+            assert why in err
 
 
 def test_combinations() -> None:

@@ -228,9 +228,12 @@ def test_what_does_not_belong_together_is_refused(
     assert not Path("there").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
+@pytest.mark.slow
+def test_wrong_arguments_of_join(array: Path, parts: Path, bipot: Bipot) -> None:
+    Path("empty").mkdir()
+    shutil.copytree(array / "whole", "whole")
+    shutil.copytree(parts / "part-2-of-3", "copy")
+    for arguments, why in (
         (("nothing",), "there is no folder nothing"),
         (("empty",), "empty is not the folder of a sweep: it has no sweep.json"),
         (("whole",), "whole is the folder of a whole sweep, expected one of a part"),
@@ -238,20 +241,12 @@ def test_what_does_not_belong_together_is_refused(
         (("parts", "--resume"), "there is no option --resume"),
         (("parts", "--out", "parts/part-1-of-3"), "is the folder of a part"),
         (("parts/part-1-of-3", "copy"), "--out DIR is missing: the parts are in"),
-    ],
-)
-@pytest.mark.slow
-def test_wrong_arguments_of_join(
-    arguments: tuple[str, ...], why: str, array: Path, parts: Path, bipot: Bipot
-) -> None:
-    Path("empty").mkdir()
-    shutil.copytree(array / "whole", "whole")
-    shutil.copytree(parts / "part-2-of-3", "copy")
-    status, output, errors = bipot("sweep", "--join", *arguments)
-    assert (status, output) == (2, "")
-    assert why in errors
-    status, output, _ = bipot("sweep", "--join", *arguments, "--json")
-    assert status == 2
-    last = json.loads(output)
-    assert not last["ok"]
-    assert why in last["message"]
+    ):
+        status, output, errors = bipot("sweep", "--join", *arguments)
+        assert (status, output) == (2, "")
+        assert why in errors
+        status, output, _ = bipot("sweep", "--join", *arguments, "--json")
+        assert status == 2
+        last = json.loads(output)
+        assert not last["ok"]
+        assert why in last["message"]

@@ -13,12 +13,12 @@ from support.places import ROOT
 UNITS = {"length": "mm", "force": "kN", "stress": "GPa"}
 
 
-@pytest.mark.parametrize(
-    ("dimension", "units", "name"),
-    [
+def test_unit() -> None:
+    without_stress = UNITS | {"stress": ""}
+    for dimension, units, name in (
         ("force", UNITS, "kN"),
         ("stress", UNITS, "GPa"),
-        ("stress", {"length": "mm", "force": "kN", "stress": ""}, "kN/mm²"),
+        ("stress", without_stress, "kN/mm²"),
         ("stress", {"length": "mm"}, None),
         ("area", UNITS, "mm²"),
         ("area", {"force": "N"}, None),
@@ -28,10 +28,8 @@ UNITS = {"length": "mm", "force": "kN", "stress": "GPa"}
         ("energy density", UNITS, "GPa"),
         ("length", {"length": ""}, None),
         ("", UNITS, None),
-    ],
-)
-def test_unit(dimension: str, units: dict[str, str], name: str | None) -> None:
-    assert fields.unit(dimension, units) == name
+    ):
+        assert fields.unit(dimension, units) == name, (dimension, units)
 
 
 def test_unit_or_dimension_of_each_field() -> None:
@@ -71,9 +69,8 @@ def test_the_page_of_files_has_each_dataset(table: str) -> None:
     assert set(getattr(fields, table.upper())) - listed == set()
 
 
-@pytest.mark.parametrize(
-    ("loads", "times", "chosen"),
-    [
+def test_times_of_a_series() -> None:
+    for loads, times, chosen in (
         ([0.0, 0.5, 1.0], [1.0, 2.0, 3.0], [0.0, 0.5, 1.0]),
         # A load that returns would show two steps as one.
         ([0.0, 1.0, 0.0], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
@@ -82,12 +79,8 @@ def test_the_page_of_files_has_each_dataset(table: str) -> None:
         ([None, None], [None, None], [0.0, 1.0]),
         ([3.0], [1.0], [3.0]),
         ([], [], []),
-    ],
-)
-def test_times_of_a_series(
-    loads: list[float | None], times: list[float | None], chosen: list[float]
-) -> None:
-    assert fields.increasing(loads, times) == chosen
+    ):
+        assert fields.increasing(loads, times) == chosen
 
 
 def test_a_wrong_mesh_is_refused() -> None:

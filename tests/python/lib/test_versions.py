@@ -38,23 +38,18 @@ def test_missing_libraries_are_reported(monkeypatch: pytest.MonkeyPatch) -> None
     assert bp.versions()["no-such-distribution"] == "not installed"
 
 
-@pytest.mark.parametrize(
-    ("given", "expected"),
-    [
+def test_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    for given, expected in (
         ({"BIPOT_NUM_THREADS": "3"}, r"3 \(BIPOT_NUM_THREADS=3\)"),
         ({"RAYON_NUM_THREADS": "2"}, r"2 \(RAYON_NUM_THREADS=2\)"),
         ({"BIPOT_NUM_THREADS": "many"}, "BIPOT_NUM_THREADS is .many.*"),
         ({}, r"\d+"),
-    ],
-)
-def test_threads(
-    given: dict[str, str], expected: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in given.items():
-        monkeypatch.setenv(name, value)
-    assert re.fullmatch(expected, bp.versions()["threads"])
+    ):
+        for name in ("BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"):
+            monkeypatch.delenv(name, raising=False)
+        for name, value in given.items():
+            monkeypatch.setenv(name, value)
+        assert re.fullmatch(expected, bp.versions()["threads"])
 
 
 MEMORY = """

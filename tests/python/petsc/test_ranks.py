@@ -4,6 +4,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from itertools import chain
 from types import SimpleNamespace
 from typing import Any
 
@@ -268,24 +269,16 @@ def test_all_leave_together() -> None:
     assert heard == []
 
 
-@pytest.mark.parametrize(
-    ("given", "expected"),
-    [
+def test_number_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    for given, expected in (
         ({}, (0, 1)),
         ({"OMPI_COMM_WORLD_RANK": "2", "OMPI_COMM_WORLD_SIZE": "4"}, (2, 4)),
         ({"PMI_RANK": "1", "PMI_SIZE": "2"}, (1, 2)),
         ({"SLURM_PROCID": "0"}, (0, 1)),
         ({"SLURM_PROCID": "3", "SLURM_STEP_NUM_TASKS": "8"}, (3, 8)),
-    ],
-)
-def test_number_of_this_process(
-    given: dict[str, str],
-    expected: tuple[int, int],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for pair in ranks._LAUNCHERS:
-        for name in pair:
+    ):
+        for name in chain(*ranks._LAUNCHERS):
             monkeypatch.delenv(name, raising=False)
-    for name, value in given.items():
-        monkeypatch.setenv(name, value)
-    assert ranks.read_launcher() == expected
+        for name, value in given.items():
+            monkeypatch.setenv(name, value)
+        assert ranks.read_launcher() == expected

@@ -409,18 +409,15 @@ def test_a_part_of_the_facets_has_new_numbers() -> None:
     np.testing.assert_array_equal(triangles.alone(facets[1:], 5), [0, 3])
 
 
-@pytest.mark.parametrize(
-    ("facets", "said"),
-    [
+def test_wrong_facets_are_named() -> None:
+    for facets, said in (
         ([[0, 1]], "3, 4, 6, 8 or 9 nodes"),
         ([[0, -1, 1, 2]], "-1 only after them"),
         ([[0, 1, 3]], "expected numbers from 0 to 2"),
         ([[0.0, 1.0, 2.0]], "expected rows of integers"),
-    ],
-)
-def test_wrong_facets_are_named(facets: Any, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        triangles.check_facets(facets, 3)
+    ):
+        with pytest.raises(ValueError, match=said):
+            triangles.check_facets(facets, 3)
 
 
 @pytest.mark.parametrize("near", [None, 0.5])
@@ -839,72 +836,47 @@ def test_no_state_is_left(tmp_path: Path) -> None:
     assert run.stdout.split() == ["False"] * 3
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "said"),
-    [
-        (lambda *_: plots.tractions(3), TypeError, "result is a int"),
-        (lambda r, _: plots.tractions(r, step=9), ValueError, "step is 9, expected 0"),
-        (lambda r, _: plots.tractions(r[0]), ValueError, "places of the contacts"),
-        (lambda r, _: plots.tractions(r, on=[99]), ValueError, "on is out of range"),
-        (lambda r, _: r.plot(where=[0]), TypeError, "where is no argument .*mean 'on'"),
-        (lambda r, _: plots.tractions(r, on=[]), TypeError, "on has entries"),
-        (lambda r, _: plots.tractions(r, on=[True]), ValueError, r"on has shape \(1"),
-        (lambda r, _: plots.tractions(r, contacts=1), TypeError, "contacts is a int"),
-        (lambda r, _: plots.tractions(r, units="mm"), TypeError, "units is a str"),
-        (lambda r, _: plots.tractions(r, along=[0.0, 0]), ValueError, "along is zero"),
-        (lambda r, _: plots.tractions(r, ax=1), TypeError, "ax is a int, expected ax"),
-        (lambda r, _: plots.surface_map(r), ValueError, "two dimensions: use tra"),
-        (lambda r, _: plots.surface_map(r, "heat"), ValueError, "quantity is 'heat'"),
+def test_wrong_arguments_are_named(line: Any, cube: Any) -> None:
+    r, solid = line[1], cube[1]
+    flat = Figure().subplots()
+    x = np.random.default_rng(0).uniform(size=(64, 3))
+    scattered = {"x": x, "frame": cube[0].frame}
+    wrong: list[tuple[Any, tuple[Any, ...], dict[str, Any], type[Exception], str]] = [
+        (plots.tractions, (3,), {}, TypeError, "result is a int"),
+        (plots.tractions, (r,), {"step": 9}, ValueError, "step is 9, expected 0"),
+        (plots.tractions, (r[0],), {}, ValueError, "places of the contacts"),
+        (plots.tractions, (r,), {"on": [99]}, ValueError, "on is out of range"),
+        (plots.tractions, (r,), {"on": []}, TypeError, "on has entries"),
+        (plots.tractions, (r,), {"on": [True]}, ValueError, r"on has shape \(1"),
+        (plots.tractions, (r,), {"contacts": 1}, TypeError, "contacts is a int"),
+        (plots.tractions, (r,), {"units": "mm"}, TypeError, "units is a str"),
+        (plots.tractions, (r,), {"along": [0.0, 0]}, ValueError, "along is zero"),
+        (plots.tractions, (r,), {"ax": 1}, TypeError, "ax is a int, expected ax"),
+        (plots.tractions, (solid,), {}, ValueError, "along is missing"),
+        (r.plot, (), {"where": [0]}, TypeError, "where is no argument .*mean 'on'"),
+        (plots.surface_map, (r,), {}, ValueError, "two dimensions: use tra"),
+        (plots.surface_map, (r, "heat"), {}, ValueError, "quantity is 'heat'"),
         (
-            lambda r, _: plots.force_displacement(r, [1.0]),
-            ValueError,
-            r"displacement has shape \(1,\)",
-        ),
-        (lambda r, _: plots.resultants(r[0]), TypeError, "result is a Step"),
-        (
-            lambda r, cube: plots.deformed(cube[0], r),
-            ValueError,
-            "result has displacements of shape",
-        ),
-        (
-            lambda _, cube: plots.deformed(*cube, scale=0),
-            ValueError,
-            "scale is 0",
-        ),
-        (
-            lambda _, cube: plots.surface3d(*cube, backend="gl"),
-            ValueError,
-            "backend is 'gl'",
-        ),
-        (
-            lambda _, cube: plots.surface3d(*cube, ax=Figure().subplots()),
-            TypeError,
-            "expected axes with projection",
-        ),
-        (lambda _, cube: plots.tractions(cube[1]), ValueError, "along is missing"),
-        (
-            lambda _, cube: plots.surface_map(cube[1], contacts=scattered(cube[0])),
+            plots.surface_map,
+            (solid,),
+            {"contacts": scattered},
             ValueError,
             "more than one plane",
         ),
-    ],
-)
-def test_wrong_arguments_are_named(
-    line: Any,
-    cube: Any,
-    call: Callable[..., Any],
-    error: type[Exception],
-    said: str,
-) -> None:
-    with pytest.raises(error, match=said):
-        call(line[1], cube)
-
-
-def scattered(model: fem.Assembly) -> dict[str, Any]:
-    x = np.random.default_rng(0).uniform(size=(64, 3))
-    return {"x": x, "frame": model.frame}
-
-
-def test_a_body_in_the_plane_has_no_picture_in_space(line: Any) -> None:
-    with pytest.raises(ValueError, match="model has two dimensions, expected three"):
-        plots.surface3d(*line)
+        (
+            plots.force_displacement,
+            (r, [1.0]),
+            {},
+            ValueError,
+            r"displacement has shape \(1,\)",
+        ),
+        (plots.resultants, (r[0],), {}, TypeError, "result is a Step"),
+        (plots.deformed, (cube[0], r), {}, ValueError, "displacements of shape"),
+        (plots.deformed, cube, {"scale": 0}, ValueError, "scale is 0"),
+        (plots.surface3d, cube, {"backend": "gl"}, ValueError, "backend is 'gl'"),
+        (plots.surface3d, cube, {"ax": flat}, TypeError, "axes with projection"),
+        (plots.surface3d, line, {}, ValueError, "has two dimensions, expected three"),
+    ]
+    for draw, arguments, more, error, said in wrong:
+        with pytest.raises(error, match=said):
+            draw(*arguments, **more)

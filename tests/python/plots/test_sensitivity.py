@@ -107,28 +107,21 @@ def test_a_map_has_colours_symmetric_about_zero() -> None:
     assert image.colorbar.extend == "neither"
 
 
-@pytest.mark.parametrize(
-    ("values", "sides"),
-    [([-1, 1], "neither"), ([-2, 1], "min"), ([0, 2], "max"), ([-2, 2], "both")],
-)
-def test_arrows_of_the_bar_show_larger_values(values: list[int], sides: str) -> None:
-    assert beyond(np.array(values, float), -1.0, 1.0) == sides
+def test_arrows_of_the_bar_show_larger_values() -> None:
+    cases = {"neither": [-1, 1], "min": [-2, 1], "max": [0, 2], "both": [-2, 2]}
+    for sides, values in cases.items():
+        assert beyond(np.array(values, float), -1.0, 1.0) == sides
 
 
-@pytest.mark.parametrize(
-    ("more", "error", "says"),
-    [
+def test_wrong_arguments_are_named(row: Any) -> None:
+    for more, error, says in (
         ({"by": "load"}, ValueError, "by is 'load', expected 'mu' or 'gap'"),
         ({"by": "mu", "step": 0}, ValueError, "step is given, but the friction"),
         ({"by": "gap", "step": 3}, ValueError, "step is 3, expected 0 to 0"),
         ({"on": [7]}, ValueError, "on is out of range, expected 0 to 2"),
         ({"ax": 3}, TypeError, "ax is a int"),
-    ],
-)
-def test_wrong_arguments_are_named(
-    row: Any, more: Any, error: type[Exception], says: str
-) -> None:
-    with pytest.raises(error, match=says):
-        plots.sensitivity(row, **more)
+    ):
+        with pytest.raises(error, match=says):
+            plots.sensitivity(row, **more)
     with pytest.raises(TypeError, match=r"gradient.*a gradient of Result\.vjp"):
         plots.sensitivity(row.result)
