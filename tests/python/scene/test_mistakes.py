@@ -7,29 +7,51 @@ from typing import Any
 import pytest
 
 from bipot_rs._lib.messages import meant, nearest
-from bipot_rs.cli.entry import call
 from bipot_rs.cli.run import cost_forecast
 from bipot_rs.scene import read
 
 
 @pytest.fixture
-def said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Any:
+def said(bipot: Any) -> Any:
     """Standard error of a command that ends with a bad input and prints nothing else."""
-    monkeypatch.chdir(tmp_path)
 
     def run(*arguments: str) -> str:
-        assert call(list(arguments)) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.startswith("bipot: ")
-        return captured.err.removeprefix("bipot: ").rstrip()
+        status, out, err = bipot(*arguments)
+        assert (status, out) == (2, "")
+        assert err.startswith("bipot: ")
+        return str(err).removeprefix("bipot: ").rstrip()
 
     return run
 
 
 RUN = ("run", "sheared_cube")
+# A setting of `sheared_cube`, and what is said about it.
+SETTINGS = [
+    (
+        'material.steel.young="7E"',
+        "material.steel.young: should be a valid number, got '7E': expected numbers, ",
+    ),
+    ('support.0.z="x"', "support.0.z: should be a valid number"),
+    ('support.0.z={ value = "x" }', "support.0.z.value: should be a valid number"),
+    (
+        'pressure=[{ on = "cube.top", value = { amplitude = "a" } }]',
+        "pressure.0.value: should be a valid number; write amplitude as a key",
+    ),
+    (
+        'path.amplitude.press=[1.0, "x"]',
+        "path.amplitude.press.1: should be a valid number, got 'x'",
+    ),
+    ("n=6", "n: unknown key, did you mean mesh.n?"),
+    ("mesh.N=6", "did you mean mesh.n?"),
+    ("mu=0.1", "did you mean contact.0.mu?"),
+    ("material.steel.youngs=1", "did you mean material.steel.young?"),
+    ("material.steel.E=1", "unknown key, expected one of young, poisson"),
+    (
+        "material.steal.young=1",
+        "there is no material 'steal', expected one of steel, did you mean 'steel'?",
+    ),
+    ("contact.mu=0.1", "contact is a list of 1 entry, expected contact.0"),
+]
 
 
 @pytest.mark.parametrize(
@@ -37,6 +59,7 @@ RUN = ("run", "sheared_cube")
     [
         (("sheared_cube",), "to solve a scene: bipot run sheared_cube"),
         (("mine.toml",), "to solve a scene: bipot run mine.toml"),
+        (("mine",), "to solve a scene: bipot run mine.toml"),
         (("torque",), "bipot --help lists the commands"),
         (("chek", "sheared_cube"), "did you mean 'check'"),
         (("run", "shered_cube"), "did you mean 'sheared_cube'?"),
@@ -44,86 +67,38 @@ RUN = ("run", "sheared_cube")
         (("run", "SHEARED_CUBE"), "did you mean 'sheared_cube'?"),
         (("run", "sheared_cube.toml"), "did you mean 'sheared_cube'?"),
         (("run", "mein.toml"), "did you mean 'mine.toml'?"),
-        (("sweep",), "required: SCENE; bipot sweep --help lists the"),
-        (
-            (*RUN, "--set", 'material.steel.young="7E"'),
-            "material.steel.young: should be a valid number, got '7E': expected numbers, ",
-        ),
-        ((*RUN, "--set", 'support.0.z="x"'), "support.0.z: should be a valid number"),
-        (
-            (*RUN, "--set", 'support.0.z={ value = "x" }'),
-            "support.0.z.value: should be a valid number",
-        ),
-        (
-            (
-                *RUN,
-                "--set",
-                'pressure=[{ on = "cube.top", value = { amplitude = "a" } }]',
-            ),
-            "pressure.0.value: should be a valid number; write amplitude as a key",
-        ),
-        (
-            (*RUN, "--set", 'path.amplitude.press=[1.0, "x"]'),
-            "path.amplitude.press.1: should be a valid number, got 'x'",
-        ),
         (("run", "mine"), "did you mean 'mine.toml'?"),
-        (("mine",), "to solve a scene: bipot run mine.toml"),
+        (("sweep",), "required: SCENE; bipot sweep --help lists the"),
         (("scenes", "two_block"), "did you mean 'two_blocks'?"),
         (("run", "."), "is a folder, expected a TOML file"),
+        *(((*RUN, "--set", setting), said) for setting, said in SETTINGS),
         ((*RUN, "--set", "mesh.n", "6"), "--set takes KEY=VALUE in one piece"),
-        ((*RUN, "--set", "mesh.n"), "should be KEY=VALUE"),
-        ((*RUN, "--set", "n=6"), "n: unknown key, did you mean mesh.n?"),
-        ((*RUN, "--set", "mesh.N=6"), "did you mean mesh.n?"),
-        ((*RUN, "--set", "mu=0.1"), "did you mean contact.0.mu?"),
-        (
-            (*RUN, "--set", "material.steel.youngs=1"),
-            "did you mean material.steel.young?",
-        ),
-        (
-            (*RUN, "--set", "material.steel.E=1"),
-            "unknown key, expected one of young, poisson",
-        ),
-        (
-            (*RUN, "--set", "material.steal.young=1"),
-            "there is no material 'steal', expected one of steel, did you mean 'steel'?",
-        ),
-        (
-            (*RUN, "--set", "contact.mu=0.1"),
-            "contact is a list of 1 entry, expected contact.0",
-        ),
-        ((*RUN, "--set", "contact.3.mu=0.1"), "contact is a list of 1 entry"),
         ((*RUN, "--method", "newtom"), "did you mean 'newton'?"),
         ((*RUN, "--tol", "2"), "tol is 2, expected a positive number below 1"),
         ((*RUN, "--out", "mine.toml/x"), "choose another with --out DIR"),
         ((*RUN, "--out", "mine.toml"), "mine.toml is a file, expected a folder"),
-        (("run", "--json", "sheared_cube", "--fast"), "there is no option --fast"),
     ],
 )
 def test_command_line(
-    arguments: tuple[str, ...], sentence: str, said: Any, request: Any
+    arguments: tuple[str, ...], sentence: str, said: Any, monkeypatch: Any
 ) -> None:
-    Path("mine.toml").write_text("")
-    if "--json" in arguments:
-        # With --json the message is in the last line of standard output.
-        assert call(list(arguments)) == 2
-        assert sentence in request.getfixturevalue("capsys").readouterr().out
-        return
-    told = said(*arguments)
-    assert sentence in told
-    assert "\n" not in told
-
-
-def test_wrong_settings_are_refused_before_meshing(
-    said: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Otherwise a wrong method would be reported only after minutes of meshing."""
+    """Before meshing: a wrong method must not be reported after minutes of it."""
 
     def never(*_: object) -> None:
         raise AssertionError("the mesh is made")
 
     monkeypatch.setattr("bipot_rs.scene.build.bodies", never)
-    assert "newton" in said(*RUN, "--method", "newtom")
-    assert "tol" in said(*RUN, "--tol", "7")
+    Path("mine.toml").write_text("")
+    told = said(*arguments)
+    assert sentence in told
+    assert "\n" not in told
+
+
+def test_an_unknown_option_with_json(bipot: Any) -> None:
+    """The message is in the last line of standard output."""
+    status, out, _ = bipot("run", "--json", "sheared_cube", "--fast")
+    assert status == 2
+    assert "there is no option --fast" in out
 
 
 def test_too_large_mesh_is_refused_before_meshing(
@@ -138,9 +113,7 @@ def test_too_large_mesh_is_refused_before_meshing(
     cost_forecast.fits(read("sheared_cube", ["mesh.n=132"]))
     with pytest.raises(MemoryError):
         cost_forecast.fits(read("sheared_cube", ["mesh.n=133"]))
-
-
-def test_unknown_free_memory_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Unknown free memory is no limit.
     monkeypatch.setattr(cost_forecast, "available", lambda: None)
     cost_forecast.fits(read("sheared_cube", ["mesh.n=150"]))
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +55,8 @@ def run(folder: Path, *more: str) -> int:
     ],
 )
 def test_mistakes(setting: str, message: str) -> None:
-    with refused("wear") as caught:
+    with refused(re.escape(message)):
         read("cattaneo_mindlin", [*FRETTING, setting])
-    assert message in str(caught.value)
 
 
 def test_the_cycle_is_the_end_of_the_path() -> None:
@@ -64,24 +64,20 @@ def test_the_cycle_is_the_end_of_the_path() -> None:
     problem = case.problem()
     wear = case.wear(problem)
     pressed = problem.solve(prescribed=case.prescribed[0], tol=1e-12)
-    own_wear = problem.wear(
+    again = problem.wear(
         prescribed=case.prescribed[1:],
         coefficient=1e-5,
         cycles=60,
         start=pressed,
         tol=1e-12,
     )
-    np.testing.assert_array_equal(wear.depth, own_wear.depth)
+    np.testing.assert_array_equal(wear.depth, again.depth)
     assert wear.depth[-1].max() > 0
-
-
-def test_a_path_with_wear_is_not_solved_once() -> None:
     with refused(r"the scene has \[wear\], which `bipot run`"):
-        case_of().solve()
+        case.solve()
     plain = read("cattaneo_mindlin", ["mesh.n=3"])
-    case = assemble(plain, bodies(plain))
     with refused(r"the scene has no \[wear\]"):
-        case.wear()
+        assemble(plain, bodies(plain)).wear()
 
 
 def test_a_model_wears() -> None:
@@ -141,18 +137,15 @@ def test_the_lines_of_json_have_the_cycle(
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        (["--resume"], "--resume continues the load steps"),
-        (["--fclib"], "--fclib writes the load steps"),
-        (["--error"], "--error is for the load steps"),
+        ("--resume", "--resume continues the load steps"),
+        ("--fclib", "--fclib writes the load steps"),
+        ("--error", "--error is for the load steps"),
     ],
 )
 def test_options_without_meaning_are_refused(
-    option: list[str],
-    message: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    option: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(tmp_path, *option) != 0
+    assert run(tmp_path, option) != 0
     assert message in capsys.readouterr().err
     assert not (tmp_path / "result.h5").exists()
 
