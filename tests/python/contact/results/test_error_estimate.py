@@ -162,6 +162,7 @@ def test_a_computed_estimate_is_pickled(tmp_path: Path) -> None:
 
     solution = cube().solve("uzawa")
     assert pickle.loads(pickle.dumps(solution)).error_estimate is None
+    assert solution.error_estimate is not None
     assert (
         pickle.loads(pickle.dumps(solution)).error_estimate == solution.error_estimate
     )
