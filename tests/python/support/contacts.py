@@ -1,4 +1,4 @@
-"""One contact whose degrees of freedom are its own components, (u_n, u_t[, u_t2])."""
+"""One contact whose degrees of freedom are its own components; contacts of a rigid body."""
 
 from typing import Any
 
@@ -28,3 +28,19 @@ def one_node(
     # The iterative engine asks for coordinates: this node stands anywhere.
     arguments = {"tol": TOL, "coordinates": np.zeros((d, d)), **options}
     return bp.solve(stiffness, B, np.array(load, float), gap=[gap], mu=mu, **arguments)
+
+
+def rigid_rows(points: Array, axes: Any = None) -> Array:
+    """R of contacts at ``(n_c, d)`` of one rigid body: translations, then rotations.
+
+    ``axes (n_c, d, d)``, normal first; by default all normals are the last axis.
+    """
+    n, d = points.shape
+    axes = np.roll(np.eye(d), 1, axis=0) if axes is None else np.asarray(axes)
+    axes = np.broadcast_to(axes, (n, d, d))
+    arm = np.broadcast_to(points[:, None], axes.shape)
+    if d == 2:
+        turn = arm[..., :1] * axes[..., 1:] - arm[..., 1:] * axes[..., :1]
+    else:
+        turn = np.cross(arm, axes)
+    return np.concatenate([axes, turn], axis=2).reshape(n * d, -1)

@@ -12,7 +12,8 @@ from scipy.sparse import csr_array
 import bipot_rs as bp
 from bipot_rs.contact.proof.equilibrium import statics_of_rows
 from support.bricks import lay_bricks
-from support.heaps import Heap, is_carried, make_heap
+from support.contacts import rigid_rows
+from support.heaps import is_carried, make_heap
 from support.masonry import LIMITS, wall
 from support.rational import excludes_balance
 
@@ -81,11 +82,8 @@ def test_walls_are_decided_on_both_sides_of_their_limit(number: int) -> None:
 
 def block(load: Array, mu: float | Array) -> bp.ReducedProblem:
     """A cube of side 2 on a plane, on its four corners."""
-    rows = []
-    for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        place = np.array([x, y, -1.0])
-        rows += [np.r_[n, np.cross(place, n)] for n in np.eye(3)[[2, 0, 1]]]
-    return rigid(np.array(rows), load, mu, 3)
+    corners = np.array([[-1.0, -1, -1], [-1, 1, -1], [1, -1, -1], [1, 1, -1]])
+    return rigid(rigid_rows(corners), load, mu, 3)
 
 
 def test_a_block_with_two_coefficients_slides_on_an_ellipse() -> None:
@@ -203,14 +201,8 @@ def test_a_heavier_foot_does_not_depend_on_units_or_numbering() -> None:
     assert there.margin == pytest.approx(1e7 * here.margin, rel=1e-7)
 
 
-@pytest.fixture(scope="module")
-def heap() -> Heap:
+def test_a_sparse_R_is_taken_as_a_dense_one() -> None:
     heap = make_heap(2)
-    assert heap is not None
-    return heap
-
-
-def test_a_sparse_R_is_taken_as_a_dense_one(heap: Heap) -> None:
     dense = rigid(heap.R, heap.e, heap.mu, 2)
     sparse = bp.ReducedProblem(
         dense.W, dense.q, heap.mu, rigid=(csr_array(heap.R), heap.e)

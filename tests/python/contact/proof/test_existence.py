@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from support.contacts import rigid_rows
 from support.random_problems import KINDS, random_problem
 
 Array = NDArray[np.float64]
@@ -106,20 +107,15 @@ def random_rigid(d: int, seed: int) -> Any:
     n = int(rng.integers(d, 7 if d == 2 else 10))
     root = rng.normal(size=(n * d, n * d)) / np.sqrt(n * d)
     W = root @ root.T + 0.1 * np.eye(n * d)
-    points = rng.normal(size=(n, d))
-    rows = []
-    for x in points:
+    points, frames = rng.normal(size=(n, d)), []
+    for _ in points:
         frame = np.linalg.qr(rng.normal(size=(d, d)))[0]
         # Normals mostly upwards, so that all three verdicts occur.
         frame[0] = np.eye(d)[-1] + 0.5 * rng.normal(size=d)
         frame = np.linalg.qr(frame.T)[0].T
         frame[0] *= np.sign(frame[0, -1])
-        if d == 2:
-            turns = np.array([[-x[1]], [x[0]]])
-        else:
-            turns = np.column_stack([np.cross(a, x) for a in np.eye(3)])
-        rows.append(frame @ np.hstack([np.eye(d), turns]))
-    R = np.vstack(rows)
+        frames.append(frame)
+    R = rigid_rows(points, frames)
     e = np.append(0.4 * rng.normal(size=d), 0.3 * rng.normal(size=R.shape[1] - d))
     e[d - 1] = -rng.exponential()
     if seed % 3 == 0:
@@ -177,13 +173,8 @@ def block_on_a_plane(
     pull: Array, at: Array, mu: float | Array = 0.4
 ) -> bp.ReducedProblem:
     """A free block of weight 1 on nine feet, pulled at a point of the plane."""
-    x = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(
-        -1, 2
-    )
-    R = np.zeros((27, 6))
-    R[0::3, 2], R[0::3, 3], R[0::3, 4] = 1.0, x[:, 1], -x[:, 0]
-    R[1::3, 0], R[1::3, 5] = 1.0, -x[:, 1]
-    R[2::3, 1], R[2::3, 5] = 1.0, x[:, 0]
+    feet = np.stack(np.meshgrid([-1.0, 0, 1], [-1.0, 0, 1], [0.0]), axis=-1)
+    R = rigid_rows(feet.reshape(-1, 3))
     centre = np.array([0.2, -0.3])
     spin = at[0] * pull[1] - at[1] * pull[0]
     e = np.array([*pull, -1.0, -centre[1], centre[0], spin])
@@ -236,11 +227,7 @@ def test_a_tripod_is_always_decided() -> None:
     seen = {"guaranteed": 0, "none": 0}
     for seed in range(30):
         rng = np.random.default_rng([13, seed])
-        x = rng.normal(size=(3, 2))
-        R = np.zeros((9, 6))
-        R[0::3, 2], R[0::3, 3], R[0::3, 4] = 1.0, x[:, 1], -x[:, 0]
-        R[1::3, 0], R[1::3, 5] = 1.0, -x[:, 1]
-        R[2::3, 1], R[2::3, 5] = 1.0, x[:, 0]
+        R = rigid_rows(np.column_stack([rng.normal(size=(3, 2)), np.zeros(3)]))
         share, mu = rng.dirichlet(np.ones(3)), rng.uniform(0.2, 0.8, 3)
         pull = 0.15 * rng.normal(size=2) * rng.choice([0.3, 1.0, 2.0])
         r = np.zeros((3, 3))

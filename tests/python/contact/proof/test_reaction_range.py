@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 import bipot_rs as bp
+from support.contacts import rigid_rows
 
 Array = NDArray[np.float64]
 # Sums of some ten numbers of the order of one, and a linear system of them.
@@ -21,18 +22,9 @@ SPACE = 1e-9
 
 
 def plane_body(x: Array, angles: Array) -> Array:
-    """``H (2 n_c, 3)``: components at points of a body that moves by (u, v, rotation)."""
     normal = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-    axes = np.stack([normal, tangent], axis=1)
-    arm = axes[:, :, 1] * x[:, :1] - axes[:, :, 0] * x[:, 1:]
-    return np.concatenate([axes, arm[:, :, None]], axis=2).reshape(-1, 3)
-
-
-def space_body(x: Array, axes: Array) -> Array:
-    """``H (3 n_c, 6)`` of a body in space; ``axes (n_c, 3, 3)``, normal first."""
-    arm = np.cross(x[:, None], axes)
-    return np.concatenate([axes, arm], axis=2).reshape(-1, 6)
+    return rigid_rows(x, np.stack([normal, tangent], axis=1))
 
 
 def rigid(H: Array, load: Array, mu: float | Array, d: int) -> bp.ReducedProblem:
@@ -43,8 +35,7 @@ def rigid(H: Array, load: Array, mu: float | Array, d: int) -> bp.ReducedProblem
 def table(mu: float | Array, load: Array) -> tuple[bp.ReducedProblem, Array]:
     """Four legs at (±1, ±1) on a floor through the centre of mass."""
     x = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
-    axes = np.tile(np.roll(np.eye(3), 1, axis=0), (4, 1, 1))
-    H = space_body(x, axes)
+    H = rigid_rows(x)
     return rigid(H, load, mu, 3), H
 
 
@@ -219,7 +210,7 @@ def test_between_polyhedral_cones_in_space(seed: int) -> None:
         ]
     )
     axes *= np.sign(axes[:, :1, 2:])
-    H = space_body(x, axes)
+    H = rigid_rows(x, axes)
     problem = rigid(H, np.array([0.05, 0.02, -1, 0.02, 0.01, 0.01]), mu, 3)
     solution = problem.solve(tol=1e-13)
     v = solution.relative_displacement

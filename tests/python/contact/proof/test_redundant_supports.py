@@ -7,6 +7,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem
 from support.conditions import violation
+from support.contacts import rigid_rows
 
 TOL = 1e-10
 
@@ -42,11 +43,7 @@ def test_a_weight_on_sixty_supports_in_a_plane() -> None:
     """Six unknowns carry sixty reactions: only their sum and moment are determined."""
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-1, 1, (2, 60))
-    H = np.zeros((60, 3, 6))
-    for k, axis in enumerate(np.roll(np.eye(3), 1, axis=0)):
-        H[:, k, :3] = axis
-        H[:, k, 3:] = np.cross(np.c_[x, y, np.full(60, -0.5)], axis)
-    whole = H.reshape(180, 6)
+    whole = rigid_rows(np.c_[x, y, np.full(60, -0.5)])
     load = np.array([0.1, 0.0, -1.0, 0.0, 0.05, 0.02])
     solution = bp.ReducedProblem(whole @ whole.T, (whole @ load).reshape(60, 3), 0.4)
     answer = solution.solve(tol=1e-13)

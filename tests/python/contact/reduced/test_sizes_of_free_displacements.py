@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from support.contacts import rigid_rows
 from support.signorini_coulomb import inequalities, judge
 
 Array = NDArray[np.float64]
@@ -18,22 +19,6 @@ def frames(rng: np.random.Generator, d: int) -> Array:
     return np.linalg.qr(rng.standard_normal((d, d)))[0]
 
 
-def motions(places: Array, axes: list[Array]) -> Array:
-    """R of one rigid body."""
-    d = places.shape[1]
-    turn = (
-        (lambda x, e: [x[0] * e[1] - x[1] * e[0]])
-        if d == 2
-        else (lambda x, e: np.cross(x, e))
-    )
-    rows = [
-        np.r_[e, turn(x, e)]
-        for x, frame in zip(places, axes, strict=True)
-        for e in frame
-    ]
-    return np.array(rows)
-
-
 def on_gaps(
     rng: np.random.Generator, d: int, far: float, below: float
 ) -> tuple[Array, Array, Array]:
@@ -41,7 +26,7 @@ def on_gaps(
     feet, walls = d, 2
     floor = frames(rng, d)
     axes = [floor] * feet + [frames(rng, d) for _ in range(walls)]
-    R = motions(rng.uniform(-2, 2, (feet + walls, d)), axes)
+    R = rigid_rows(rng.uniform(-2, 2, (feet + walls, d)), axes)
     v = np.zeros((feet + walls, d))
     v[feet:] = rng.standard_normal((walls, d))
     v[feet:, 0] = rng.uniform(0.1, 2, walls)
