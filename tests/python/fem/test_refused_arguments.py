@@ -11,6 +11,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.files import export
+from support.boxes import box
 
 
 def refused(call: Callable[[], Any], *words: str) -> None:
@@ -24,55 +25,65 @@ def refused(call: Callable[[], Any], *words: str) -> None:
     assert len(message) < 300
 
 
-def _bodies() -> tuple[fem.Body, fem.Assembly]:
-    mesh = fem.box([[0.0, 1.0, 2.0], [0.0, 1.0]], "quadrilateral")
-    body = fem.Body("block", mesh, fem.Material(1.0, 0.3))
-    contact = fem.Contact("block", "bottom", 0.3, plane=([0.0, 0.0], [0.0, 1.0]))
-    support = fem.Support("block", "top", (0, 1))
-    return body, fem.assemble([body], [contact], [support])
+NAN = math.nan
+WIDE = (NAN, "wide", [0.1, 0.2], [[0.1] * 3], 1j)
+HARD = (NAN, "hard", [1.0], [1.0, 2.0, 3.0], np.ones((2, 9, 9)), 1j)
+
+
+BODY = fem.Body("block", box("quadrilateral", 2), fem.Material(1.0, 0.3))
+PLANE = ([0.0, 0.0], [0.0, 1.0])
+
+
+def contact(**changed: Any) -> Any:
+    arguments = {"body": "block", "surface": "bottom", "mu": 0.3, "plane": PLANE}
+    held = [fem.Support("block", "top", (0, 1))]
+    return fem.assemble([BODY], [fem.Contact(**arguments | changed)], held)
 
 
 def test_finite_elements() -> None:
-    body, model = _bodies()
-    plane = ([0.0, 0.0], [0.0, 1.0])
-
-    def contact(**changed: Any) -> Any:
-        contact_arguments = {
-            "body": "block",
-            "surface": "bottom",
-            "mu": 0.3,
-            "plane": plane,
-        }
-        return fem.assemble([body], [fem.Contact(**contact_arguments | changed)])
-
-    contact()
-    for bad in (math.nan, -1.0, "rough", 1j, None, [0.3]):
-        refused(lambda b=bad: contact(mu=b), "mu")
-        refused(lambda b=bad: fem.Material(b, 0.3), "young")
-    for bad in (math.nan, 0.5, -1.0, "soft", 1j):
-        refused(lambda b=bad: fem.Material(1.0, b), "poisson")
-    for bad in (math.nan, 0.0, "thick"):
-        refused(lambda b=bad: fem.Material(1.0, 0.3, thickness=b), "thickness")
-    for bad in (math.nan, "wide", [0.1, 0.2], [[0.1] * 3], 1j):
-        refused(lambda b=bad: contact(clearance=b), "clearance")
-        refused(lambda b=bad: contact(clearance=lambda _x: b), "clearance")
-    for bad in ([0.0, 0.0], ([0.0, 0.0], [math.nan, 1.0]), ([0.0], [1.0]), (plane,)):
-        refused(lambda b=bad: contact(plane=b), "plane")
-    refused(lambda: contact(plane=([0, 0], [0, 0])), "normal")
-    refused(lambda: contact(surface="underneath"), "underneath", "bottom")
-    refused(lambda: contact(body="table"), "table", "block")
-    refused(lambda: contact(plane=None), "obstacle")
-    for bad in (math.nan, "hard", [1.0], [1.0, 2.0, 3.0], np.ones((2, 9, 9)), 1j):
-        refused(lambda b=bad: model.traction("block", "top", b), "force on body")
-        refused(lambda b=bad: model.body_force("block", b), "force on body")
-    refused(lambda: model.pressure("block", "top", [1.0]), "pressure")  # type: ignore[arg-type]
-    for values in ([], [[0.0]], [[0.0, math.nan]], [["a", "b"]], [[0.0] * 3]):
-        refused(lambda v=values: model.prescribed(v), "values")
-    for bad in ([1.0, 0.0], [[0.0, 0.0]], [[math.nan, 1.0]], [[1.0] * 4], [["x", "y"]]):
-        refused(lambda b=bad: fem.frames(b), "normals?")
-    for axes in ([[0.0, 1.0]], [[0.0], [1.0, 2.0]], [[0.0, math.nan], [0.0, 1.0]]):
-        refused(lambda a=axes: fem.box(a, "quadrilateral"), "ax[ie]s")
-    refused(lambda: fem.box([[0.0, 1.0]] * 2, "pentagon"), "cell", "pentagon")
+    model = contact()
+    for call, values, *words in (
+        (lambda b: contact(mu=b), (NAN, -1.0, "rough", 1j, None, [0.3]), "mu"),
+        (lambda b: fem.Material(b, 0.3), (NAN, 0.0, -1.0, "rough", 1j, None), "young"),
+        (lambda b: fem.Material(1.0, b), (NAN, 0.5, -1.0, "soft", 1j), "poisson"),
+        (
+            lambda b: fem.Material(1.0, 0.3, thickness=b),
+            (NAN, 0.0, "thick"),
+            "thickness",
+        ),
+        (lambda b: contact(clearance=b), WIDE, "clearance"),
+        (lambda b: contact(clearance=lambda _: b), WIDE, "clearance"),
+        (
+            lambda b: contact(plane=b),
+            ([0.0, 0.0], ([0.0, 0.0], [NAN, 1.0]), ([0.0], [1.0]), (PLANE,)),
+            "plane",
+        ),
+        (lambda b: contact(plane=b), [([0, 0], [0, 0])], "normal"),
+        (lambda b: contact(surface=b), ["underneath"], "underneath", "bottom"),
+        (lambda b: contact(body=b), ["table"], "table", "block"),
+        (lambda b: contact(plane=b), [None], "obstacle"),
+        (lambda b: model.traction("block", "top", b), HARD, "force on body"),
+        (lambda b: model.body_force("block", b), HARD, "force on body"),
+        (lambda b: model.pressure("block", "top", b), [[1.0]], "pressure"),
+        (
+            model.prescribed,
+            ([], [[0.0]], [[0.0, NAN]], [["a", "b"]], [[0.0] * 3]),
+            "values",
+        ),
+        (
+            fem.frames,
+            ([1.0, 0.0], [[0.0, 0.0]], [[NAN, 1.0]], [[1.0] * 4], [["x", "y"]]),
+            "normals?",
+        ),
+        (
+            lambda b: fem.box(b, "quadrilateral"),
+            ([[0.0, 1.0]], [[0.0], [1.0, 2.0]], [[0.0, NAN], [0.0, 1.0]]),
+            "ax[ie]s",
+        ),
+        (lambda b: fem.box([[0, 1]] * 2, b), ["pentagon"], "cell", "pentagon"),
+    ):
+        for bad in values:
+            refused(lambda call=call, bad=bad: call(bad), *words)
 
 
 def test_files(tmp_path: Any) -> None:

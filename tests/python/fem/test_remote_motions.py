@@ -27,9 +27,8 @@ class Model:
     """A body on a rigid plane, held by a remote on its top."""
 
     def __init__(self, rng: np.random.Generator, most: int) -> None:
-        self.dim = d = int(rng.integers(2, 4))
-        if d == 3:
-            most = max(4, most // 6)
+        d = int(rng.integers(2, 4))
+        most = max(4, most // 6) if d == 3 else most
         half = graded(rng, int(rng.integers(most // 2, most)))
         across = np.concatenate([-half[:0:-1], half])
         up = graded(rng, int(rng.integers(2, most))) * rng.uniform(0.3, 2.0)
@@ -38,33 +37,26 @@ class Model:
         axes = [across, up] if d == 2 else [across, flat, up]
         body = fem.Body("it", fem.box(axes, str(cell)), fem.Material(2.1e5, 0.3))
         turns = range(2, 3) if d == 2 else range(3)
-        self.held = [axis for axis in turns if rng.integers(2)]
-        self.mu = float(rng.choice([0.0, 0.3]))
-        remote = fem.Remote("holder", "it", "top", rotations=self.held)
-        plane = np.zeros(d), np.eye(d)[-1]
-        contact = fem.Contact("it", "bottom", self.mu, plane=plane)
+        held = [axis for axis in turns if rng.integers(2)]
+        mu = float(rng.choice([0.0, 0.3]))
+        remote = fem.Remote("holder", "it", "top", rotations=held)
+        contact = fem.Contact("it", "bottom", mu, plane=(np.zeros(d), np.eye(d)[-1]))
         self.model = fem.assemble([body], [contact], remotes=[remote])
-        self.rotations = len(turns)
-        self.force = np.zeros(d)
-        self.force[-1] = -1e3
-        if self.mu:
-            self.force[0] = rng.choice([0.0, 0.5 * self.mu * 1e3])
-
-    def load(self) -> Any:
-        return self.model.reference_force("holder", self.force)
+        self.free = d + len(turns) - len(held)
+        self.force = -1e3 * np.eye(d)[-1]
+        if mu:
+            self.force[0] = rng.choice([0.0, 0.5 * mu * 1e3])
 
 
 @pytest.mark.parametrize("seed", range(320))
 # In 295 and 312 the motion along the plane is turned by rounding.
-@pytest.mark.quick_variants(*map(str, range(20)), "295", "312")
+@pytest.mark.quick_variants(*map(str, range(12)), "295", "312")
 def test_the_motions_of_remotes(seed: int) -> None:
     it = Model(np.random.default_rng(seed), 60 if seed >= 20 and seed % 2 else 40)
     problem = it.model.problem(engine="direct")
-    free = it.dim + it.rotations - len(it.held)
-    assert len(problem.rigid_motions) == free, seed
-    result = problem.solve(it.load())
+    assert len(problem.rigid_motions) == it.free, seed
+    result = problem.solve(it.model.reference_force("holder", it.force))
     assert result.success, seed
     total = np.einsum("ckd,ck->d", it.model.frame, result.reaction[-1])
     # The reactions balance the force to the tolerance of the residual, 1e-12.
-    size = np.abs(it.force).max()
-    assert np.abs(total + it.force).max() <= 1e-10 * size, seed
+    assert np.abs(total + it.force).max() <= 1e-10 * np.abs(it.force).max(), seed
