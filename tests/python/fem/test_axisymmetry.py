@@ -238,10 +238,7 @@ def test_what_a_body_of_revolution_cannot_have() -> None:
             "its mesh must be in the plane",
         ),
         (lambda: replace(steel(), thickness=2.0), "a body of revolution has neither"),
-        (
-            lambda: fem.assemble([tube, slab], []),
-            "body 'slab' is plane and others are axisymm",
-        ),
+        (lambda: fem.assemble([tube, slab], []), "body 'slab' is plane and others are"),
         (
             lambda: fem.assemble([tube], [], symmetries=[plane]),
             "symmetry on 'left' of body 'it'",
@@ -250,10 +247,7 @@ def test_what_a_body_of_revolution_cannot_have() -> None:
             lambda: fem.assemble([tube], [], remotes=[remote]),
             "remote 'r': bodies of revolution have no re",
         ),
-        (
-            lambda: fem.assemble([solid], [contact]),
-            "contact on 'left' of body 'it' has no area",
-        ),
+        (lambda: fem.assemble([solid], [contact]), "contact on 'left' of body 'it'"),
     ):
         with refused(message):
             make()

@@ -90,10 +90,7 @@ def test_orthotropic_in_the_plane(plane_stress: bool) -> None:
         ({"young": (1.0, 0.0, 1.0)}, r"young is \[1\.0, 0\.0, 1\.0\], expected three"),
         ({"young": (1.0, 2.0)}, r"young has shape \(2,\), expected \(3,\)"),
         ({"shear": (1.0, -1.0, 1.0)}, "shear is"),
-        (
-            {"poisson": (1.1, 0, 0), "young": (1, 1, 1)},
-            r"ν12 = 1.1, expected \|ν12\| < ",
-        ),
+        ({"poisson": (1.1, 0, 0), "young": (1, 1, 1)}, r"ν12 = 1.1, expected \|ν12\|"),
         ({"poisson": (0.6, 0.6, 0.6), "young": (1, 1, 1)}, "1 - ν12 ν21 .* is -0.512"),
         (
             {"poisson": (0.5, 0.5, 0.5), "young": (1, 1, 1)},

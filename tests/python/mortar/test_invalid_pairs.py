@@ -38,14 +38,8 @@ FOLDED[0][2] = [0.1, 0.3, 0.0]
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        (
-            {"facets_slave": ONE[1][:, ::-1]},
-            "do not face each other: .* cosine of their normals is 1.00",
-        ),
-        (
-            {"points_master": OTHER[0] + [5, 0, 0]},
-            r"do not overlap: the nearest facets are \d of facets_slave, at .*4\.\d+ apart",
-        ),
+        ({"facets_slave": ONE[1][:, ::-1]}, "do not face each other: .* is 1.00"),
+        ({"points_master": OTHER[0] + [5, 0, 0]}, r"do not overlap: .* 4\.\d+ apart"),
         (
             {"points_master": OTHER[0] - [0, 0, 0.5], "distance": 0.25},
             "are farther apart than distance 0.25: .* 0.5 along the normal",
@@ -60,10 +54,7 @@ FOLDED[0][2] = [0.1, 0.3, 0.0]
             {"facets_slave": with_facet(ONE[1], 1, [0, 1, 4, 4])},
             "facets_slave has a node twice in facet 1: .* as a triangle",
         ),
-        (
-            {"facets_slave": ONE[1][:, [0, 2, 1, 3]]},
-            "facets_slave has a folded facet, 0, .* corners in order",
-        ),
+        ({"facets_slave": ONE[1][:, [0, 2, 1, 3]]}, "a folded facet, 0, .* in order"),
         (
             {"points_slave": FOLDED[0], "facets_slave": FOLDED[1]},
             r"facets_slave has a folded facet, 0, .* convex",
@@ -72,25 +63,13 @@ FOLDED[0][2] = [0.1, 0.3, 0.0]
             {"facets_master": with_facet(OTHER[1], 0, OTHER[1][0][::-1])},
             "facets_master has facets 0 and . with normals on opposite sides",
         ),
-        (
-            {"points_master": OTHER[0] * [0, 1, 1]},
-            "facets_master has a degenerate facet, 0, of size 0 with a longest edge of",
-        ),
-        (
-            {"points_master": OTHER[0][:, :2]},
-            "facets_master has 3 nodes for each facet|points_master",
-        ),
-        (
-            {"facets_slave": ONE[1][:, :2]},
-            "facets_slave has 2 nodes for each facet, expected 3",
-        ),
+        ({"points_master": OTHER[0] * [0, 1, 1]}, "a degenerate facet, 0, of size 0"),
+        ({"points_master": OTHER[0][:, :2]}, "has 3 nodes for each|points_master"),
+        ({"facets_slave": ONE[1][:, :2]}, "facets_slave has 2 nodes for each facet,"),
         ({"facets_slave": ONE[1][:0]}, r"facets_slave has shape \(0, 4\)"),
         ({"points_slave": ONE[0] * np.nan}, "points_slave is nan at"),
         ({"clearance": lambda _: np.zeros(3)}, r"at the places has shape \(3,\)"),
-        (
-            {"clearance": np.zeros(3)},
-            r"clearance has shape \(3,\), expected a number, or \(9,\)",
-        ),
+        ({"clearance": np.zeros(3)}, r"clearance has shape \(3,\), expected a number,"),
         (
             {"dofs_slave": DOFS, "dofs_master": DOFS + 3, "n": 30},
             r"dofs_master gives node 0 the degree .* gives node 1 at another position, 0.*away",

@@ -374,22 +374,16 @@ def test_clearance_adds_in_every_step() -> None:
 @pytest.mark.parametrize(
     ("contacts", "message"),
     [
-        (
-            [top(0, FLOOR, plane=([0, 0], [0, 1]))],
-            "needs exactly one of plane, obstacle and against",
-        ),
+        ([top(0, FLOOR, plane=([0, 0], [0, 1]))], "needs exactly one of plane,"),
         (
             [top(0, None, against=("b", "c"), motion=ob.Motion([[0, 0]]))],
             "motion of the contact on 'top' was given, but",
         ),
         (
             [top(0, ob.Cylinder([0, 0], 1.0))],
-            r"obstacle of the contact on 'top': the point \(0, 0\) is at the axis",
+            r"on 'top': the point \(0, 0\) is at the axis",
         ),
-        (
-            [top(0, ob.Sphere([0, 0, 1], 1.0))],
-            r"obstacle of the contact on 'top': points has shape \(9, 2\)",
-        ),
+        ([top(0, ob.Sphere([0, 0, 1], 1.0))], r"on 'top': points has shape \(9, 2\)"),
         (
             [top(0, FLOOR, motion=ob.Motion([[0, 0]] * k)) for k in (1, 2)],
             "the motions of obstacles have 1 and 2 steps: give",

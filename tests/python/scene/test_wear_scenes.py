@@ -41,10 +41,7 @@ def run(folder: Path, *more: str) -> int:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        (
-            "wear.coefficient=-1.0",
-            "wear.coefficient: should be greater than or equal to",
-        ),
+        ("wear.coefficient=-1.0", "wear.coefficient: should be greater than or equal"),
         ("wear.cycles=0", "wear.cycles: should be greater than 0"),
         ("wear.steps=4", "wear.steps: is 4, but the path has only 3 load steps"),
         ("wear.rtol=1.0", "wear.rtol: should be less than 1"),
