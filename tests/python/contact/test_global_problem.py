@@ -163,31 +163,6 @@ def test_body_held_by_contact_alone() -> None:
         problem.velocity(solution.reaction)
 
 
-@pytest.mark.parametrize("skew", [0.0, 0.1])
-def test_cohesion_and_dilatancy_as_in_the_reduced_problem(skew: float) -> None:
-    """The law as it stands: a contact that is open keeps its cohesion."""
-    rng = np.random.default_rng(5)
-    root, H, f = rng.normal(size=(9, 9)), rng.normal(size=(9, 6)), rng.normal(size=9)
-    M = root @ root.T + np.eye(9)
-    M += skew * np.triu(rng.normal(size=(9, 9)), 1)
-    w = np.array([[-0.3, 0.2], [0.4, 0.1], [0.0, -0.5]])
-    law = {
-        "mu": [0.5, 0.4, 0.3],
-        "cohesion": [0.2, 0.3, 0.0],
-        "dilatancy": [0.1, 0.4, 0.0],
-    }
-    found = GlobalProblem(M, H, f, w, **law).solve(tol=1e-12)
-    W = H.T @ np.linalg.solve(M, H)
-    q = (H.T @ np.linalg.solve(M, f)).reshape(3, 2) + w
-    expected = bp.ReducedProblem(W, q, **law).solve(tol=1e-12)
-    assert found.converged
-    # Two factorisations of a matrix with a condition below 100.
-    scale = np.abs(expected.reaction).max()
-    assert np.abs(found.reaction - expected.reaction).max() < 1e-11 * scale
-    coulomb = bp.ReducedProblem(W, q, law["mu"]).solve(tol=1e-12)
-    assert np.abs(found.reaction - coulomb.reaction).max() > 1e-2 * scale
-
-
 def test_no_solution_is_an_outcome() -> None:
     """A contact penetrates, and no reaction can move it."""
     problem = GlobalProblem(np.eye(2), np.zeros((2, 2)), [0, 0], [[-1.0, 0.0]], 0.3)

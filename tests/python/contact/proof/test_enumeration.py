@@ -1,8 +1,5 @@
 """Problems with several solutions or none, and the verdict on uniqueness."""
 
-import pickle
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,7 +7,6 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs.analytic import one_contact_branches
-from support.contacts import one_node
 from support.oracle import Problem, answers
 
 Array = NDArray[np.float64]
@@ -174,17 +170,6 @@ def test_small_friction_is_proved_unique(d: int) -> None:
     # With a gap it is always open.
     q[-1] = 1.0
     assert bp.ReducedProblem(W, q, 0.1).solve().unique == "proved"
-
-
-@pytest.mark.needs_extra
-def test_a_computed_verdict_is_pickled(tmp_path: Path) -> None:
-    asked = one_node([[-1.0, 1.5], [-1.0, 1.4]], 0.3)
-    assert asked[0].unique == "proved"
-    asked.save(tmp_path / "x.h5")
-    for copy in (bp.load(tmp_path / "x.h5"), pickle.loads(pickle.dumps(asked))):
-        # Uniqueness of the second step was not computed before.
-        assert [step.unique for step in copy] == ["proved", "unknown"]
-    assert asked[1].unique == "proved"
 
 
 def test_a_sticking_solution_is_counted_once() -> None:

@@ -1,7 +1,6 @@
 """`ReducedProblem` with cohesion and dilatancy: closed forms, oracles, invariances, refusals."""
 
 import itertools
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -167,30 +166,6 @@ def test_an_associated_law_is_convex() -> None:
     associated = bp.ReducedProblem(W, q, mu, dilatancy=mu).solve()
     assert associated.unique == "proved"
     assert bp.ReducedProblem(W, q, mu).solve().unique != "proved"
-
-
-@pytest.mark.parametrize("seed", range(30))
-@pytest.mark.parametrize("coupled", [0.05, 0.6])
-def test_bounds_with_cohesion_and_friction_hold(seed: int, coupled: float) -> None:
-    rng = np.random.default_rng([41, seed])
-    d = 2 + seed % 2
-    W, q, law = draw(rng, 4, d, coupled)
-    law = law._replace(mu=0.3 * law.mu, beta=np.zeros(4))
-    problem = make(W, q, law)
-    solution = problem.solve(tol=1e-13)
-    other = solution.reaction + rng.normal(size=(4, d)) * 10.0 ** rng.uniform(-6, 0)
-    smooth = ~((law.mu > 0) | (law.c > 0))
-    other[smooth, 1:] = 0.0
-    bound = problem.error_bound(other)
-    if bound.kind == "not available":
-        assert "friction" in bound.reason
-        return
-    v = (W @ other.ravel()).reshape(q.shape) + q
-    for wrong, right, limit in (
-        (other, solution.reaction, bound.reaction),
-        (v, solution.relative_displacement, bound.relative_displacement),
-    ):
-        assert (np.abs(wrong - right) <= limit + 1e-10).all()
 
 
 def test_dilatancy_has_no_bound() -> None:
@@ -488,19 +463,6 @@ def test_refused_questions_name_the_number(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="residual without a does not take dilatancy"):
         held.residual([[1.0, 0.0]])
     assert not problem.answers(restarts=3).complete
-
-
-def test_the_problem_shows_and_keeps_its_law() -> None:
-    problem = bp.ReducedProblem(
-        np.eye(4), np.full((2, 2), -1.0), 0.5, cohesion=[0.0, 2.0], dilatancy=0.25
-    )
-    again = pickle.loads(pickle.dumps(problem))
-    for same in (problem, again):
-        np.testing.assert_array_equal(same.cohesion, [0.0, 2.0])
-        np.testing.assert_array_equal(same.dilatancy, [0.25, 0.25])
-    assert "from 0 to 2" in str(problem)
-    assert "dilatancy" in str(problem)
-    np.testing.assert_array_equal(again.solve().reaction, problem.solve().reaction)
 
 
 def test_project_with_cohesion() -> None:

@@ -17,7 +17,7 @@ from support.random_problems import random_problem
 
 Array = NDArray[np.float64]
 # With supports and definite W, where a bound can be proved.
-KINDS = ("held", "graded", "flat", "frictionless", "open", "asymmetric")
+KINDS = ("held", "graded", "flat", "frictionless", "open", "asymmetric", "cohesive")
 # Sizes of error, from a first guess to a solution.
 SIZES = np.array([1.0, 1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
 
@@ -65,13 +65,16 @@ def ratios_of(seeds: range) -> Iterator[float]:
     """Bound over error of approximations, asserted; friction up to twice that of the kinds."""
     for seed, kind, d in itertools.product(seeds, KINDS, (2, 3)):
         rng, skewed = np.random.default_rng([seed, d]), kind == "asymmetric"
-        W, q, mu, _ = random_problem("held" if skewed else kind, d, seed)
+        plain = "held" if kind in ("asymmetric", "cohesive") else kind
+        W, q, mu, _ = random_problem(plain, d, seed)
         if skewed:
             # The proof does not need symmetry.
             skew = 0.03 * rng.normal(size=W.shape) * np.abs(W).max()
             W = W + skew - skew.T
         mu = mu * (1 + seed % 3) / 1.5
-        problem = bp.ReducedProblem(W, q, mu)
+        held = rng.exponential(size=len(mu)) * (rng.random(len(mu)) < 0.7)
+        cohesion = held if kind == "cohesive" else None
+        problem = bp.ReducedProblem(W, q, mu, cohesion=cohesion)
         solution = problem.solve(tol=1e-15)
         if not (solution.converged and solution.reaction.any()):
             continue  # # no solution, or only zero: there are no relative errors
