@@ -16,14 +16,6 @@ Array = NDArray[np.float64]
 FORCE, LENGTH = 3e4, 2e-6
 RHO = FORCE / LENGTH
 OPEN, SLIP, STICK, LOOSE, TOUCH, EDGE = range(6)
-STATUSES = {
-    OPEN: "open",
-    SLIP: "slip",
-    STICK: "stick",
-    LOOSE: "open and moving along",
-    TOUCH: "touching without force",
-    EDGE: "at the limit without slip",
-}
 SPOILED = (
     "penetrates",
     "pulls",

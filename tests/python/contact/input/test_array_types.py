@@ -243,12 +243,8 @@ SPARSE: dict[str, Callable[[Array], Any]] = {
         for form in FORMATS
         for kind in (sparse.csr_array, sparse.csr_matrix)
     },
-    **{
-        f"{form} float32": (
-            lambda x, form=form: sparse.csr_array(x.astype(np.float32)).asformat(form)
-        )
-        for form in FORMATS
-    },
+    "csr float32": lambda x: sparse.csr_array(x.astype(np.float32)),
+    "coo float32": lambda x: sparse.coo_array(x.astype(np.float32)),
     "unsorted": unsorted,
     "unsorted columns": lambda x: unsorted(x.T).T,
     "doubled": doubled,
@@ -281,7 +277,7 @@ def test_sparse(argument: str, clothes: str) -> None:
     worn = SPARSE[clothes](GIVEN[argument])
     before = contents(worn)
     equal(answers(GIVEN | {argument: worn}), PLAIN)
-    if clothes not in ("lil csr_array", "lil csr_matrix", "lil float32"):
+    if not clothes.startswith("lil"):
         assert contents(worn) == before
 
 

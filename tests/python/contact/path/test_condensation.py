@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -190,18 +189,3 @@ def test_sticking_contacts(shape: str, material: str) -> None:
     moved = np.abs(problem.compliance) @ np.abs(r).ravel()
     size = max(moved.max(), np.abs(u).max())
     assert np.abs(result.displacement - u).max() <= 10 * EPS * size
-
-
-def test_refinement_finds_fractions() -> None:
-    """A chain of springs: W of two unknowns is the compliance between the ground and both."""
-    springs = [1 + (7 * k) % 9 for k in range(60)]
-    k = np.array([*springs, 0.0])
-    K = sparse.diags_array([k[:-1] + k[1:], -k[1:-1], -k[1:-1]], offsets=[0, 1, -1])
-    high, low = twice.solve(K, twice.exactly(np.eye(60)))
-    flexible = np.cumsum([Fraction(1, s) for s in springs])
-    for i in range(60):
-        for j in range(60):
-            refined = Fraction(high[i, j]) + Fraction(low[i, j])
-            exact = flexible[min(i, j)]
-            # Twice 53 bits, minus the condition, which is below 1e5.
-            assert abs(refined - exact) <= Fraction(1e-26) * exact

@@ -119,47 +119,30 @@ def apart(found: Array, expected: Array) -> float:
     return float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
-def agree(given: Case, digits: int, cell: str, condition: float = CONDITION) -> None:
+def agree(given: Case, digits: int, left: int, condition: float) -> None:
+    """Compare K of few digits, which leaves some rigid motions, with K."""
     tau = 0.5 * 10.0 ** (1 - digits)
-    full = given.problem().solve(given.load)
+    whole = given.problem()
     problem = given.problem(written(given.K, digits), stiffness_rtol=10.0**-digits)
-    result = problem.solve(given.load)
-    assert problem.stats["rigid_motions"] == (
-        0 if len(given.fixed) else (3 if given.dim == 2 else 6)
-    )
-    assert 0 < problem.stats["rigid_motions_off"] <= tau
-    assert apart(result.reaction, full.reaction) <= condition * tau, cell
-    assert apart(result.displacement, full.displacement) <= condition * tau
-    assert np.array_equal(result.status, full.status)
+    full, result = whole.solve(given.load), problem.solve(given.load)
+    assert problem.stats["rigid_motions"] == whole.stats["rigid_motions"] == left
+    assert 0 < problem.stats["rigid_motions_off"] <= 2 * tau
+    # Where K has as many digits as its own rounding, 64 ε, this counts too.
+    bound = condition * (tau + 64 * EPS)
+    assert apart(result.displacement, full.displacement) <= bound
+    off_r = apart(result.reaction, full.reaction)
+    assert off_r <= bound
     estimate = result[0].error_estimate
     assert estimate is not None
-    assert apart(result.reaction, full.reaction) <= 10 * estimate[0]
-    assert estimate[0] <= condition * tau
-    if not len(given.fixed):
+    assert off_r <= 10 * estimate[0] + bound * EPS / tau
+    assert estimate[0] <= bound
+    if left == (3 if given.dim == 2 else 6):
         Z = rigid(given.at, given.dim)
         # The limit in Rust for K as fem assembles it: 64.
-        assert off(used(problem), Z) <= 16 * EPS
+        assert off(used(problem), Z) <= 32 * EPS
         balance = Z.T @ (given.load + given.B.T @ result.reaction[0].ravel())
         # The tolerance of the residual.
         assert np.abs(balance).max() <= 1e-10 * np.abs(given.load).sum()
-
-
-@pytest.mark.parametrize("digits", [6, 10])
-@pytest.mark.parametrize("held", [False, True], ids=["floating", "held"])
-@pytest.mark.parametrize(
-    ("cell", "cells", "degree"),
-    [
-        ("triangle", 4, 1),
-        ("quadrilateral", 4, 1),
-        ("quadrilateral", 2, 2),
-        ("tetrahedron", 3, 1),
-        ("hexahedron", 3, 1),
-    ],
-)
-def test_few_digits_give_few_digits(
-    cell: str, cells: int, degree: int, held: bool, digits: int
-) -> None:
-    agree(case(cell, held, cells=cells, degree=degree), digits, cell)
 
 
 @pytest.mark.parametrize("digits", [6, 10])
@@ -548,19 +531,12 @@ RANDOM = pytest.mark.parametrize("seed", range(520))
 @pytest.mark.quick_variants(*map(str, {*range(20)} - {10, 13, 15}))
 def test_random_blocks(seed: int) -> None:
     data, digits, left = random_case(np.random.default_rng(seed))
-    tau = 0.5 * 10.0 ** (1 - digits)
-    problem = data.problem(written(data.K, digits), stiffness_rtol=10.0**-digits)
-    assert problem.stats["rigid_motions"] == left
-    assert problem.stats["rigid_motions_off"] <= 2 * tau
-    full = data.problem()
-    assert full.stats["rigid_motions"] == left
-    expected, restored = full.solve(data.load), problem.solve(data.load)
-    # Factors of the shape, of thirty and of springs: a long body bends, and the rounding of
-    # K itself, 64 ε, grows in the same way.
-    bound = 20 * CONDITION * (tau + 64 * EPS)
-    assert apart(restored.displacement, expected.displacement) <= bound
-    if left == (3 if data.dim == 2 else 6):
-        assert off(used(problem), rigid(data.at, data.dim)) <= 32 * EPS
+    # Factors of the shape, of thirty and of springs: a long body bends.
+    agree(data, digits, left, 20 * CONDITION)
+
+
+def test_second_order() -> None:
+    agree(case("quadrilateral", False, cells=2, degree=2), 8, 3, CONDITION)
 
 
 @RANDOM

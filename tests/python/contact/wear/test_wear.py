@@ -99,35 +99,6 @@ def test_the_gaps_of_each_step_contain_the_wear_of_the_steps_before() -> None:
     np.testing.assert_allclose(gaps, gap_at_start + before, rtol=0, atol=1e-17)
 
 
-@pytest.mark.parametrize(
-    ("kind", "rtol"),
-    [
-        pytest.param("pad", 1e-2, marks=pytest.mark.slow),
-        ("hertz", 1e-2),
-    ],
-)
-def test_jumps_agree_with_every_cycle(kind: str, rtol: float) -> None:
-    def solved(**more: Any) -> Any:
-        if kind == "pad":
-            return worn_pad(coefficient=COEFFICIENT / 2, cycles=400, **more)
-        _, problem, pressed, cycle = hertz()
-        arguments = {"coefficient": 1e-6, "cycles": 400, "start": pressed, "tol": TOL}
-        return problem.wear(prescribed=cycle, **arguments, **more)
-
-    every, jumped = solved(jump=False), solved(rtol=rtol)
-    last, deepest = every.cycle[-1], every.depth[-1].max()
-    error = abs(jumped.depth[-1] - every.depth[-1]).max() / deepest
-    assert error <= rtol
-    assert 0 < jumped.error_estimate <= rtol / 2
-    # Later cycles may amplify errors, but the estimate has the right size.
-    assert jumped.error_estimate > error / 3
-    # The statuses of the pad change all the time, which ends jumps.
-    assert jumped.paths < (0.75 if kind == "pad" else 1 / 3) * last
-    assert jumped.cycle[-1] == last
-    before = every.depth[jumped.cycle - 1]
-    assert abs(jumped.depth - before).max() <= rtol * deepest
-
-
 @pytest.mark.parametrize("problem", ["spring", "sliding"])
 @pytest.mark.quick_variants("spring")
 def test_jumps_have_second_order(problem: str, monkeypatch: pytest.MonkeyPatch) -> None:
