@@ -72,7 +72,6 @@ def footing(
     psi: float,
     mu: float,
     *,
-    cell: str = "quadrilateral",
     law: str = "mohr-coulomb",
     cohesion: float = 1.0,
     weight: float = 0.0,
@@ -82,7 +81,7 @@ def footing(
     """A strip of width 2 on ground of 5 by 2, and B of its contacts."""
     x = length * np.array([-2.5, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2.5])
     y = length * np.array([-2.0, -1.0, -0.5, 0.0])
-    body = body_of(x, y, cell, young=200.0 * unit)
+    body = body_of(x, y, young=200.0 * unit)
     at = body.points / length
     foot = nodes_along(body, (at[:, 1] > -1e-9) & (np.abs(at[:, 0]) < 1 + 1e-9))
     base = np.flatnonzero(at[:, 1] < -2 + 1e-9)

@@ -32,9 +32,9 @@ def names(message: str) -> set[str]:
     return {name for name, words in CAUSES.items() if re.search(words, message)}
 
 
-def held(seed: int = 0, contacts: int = 20, d: int = 3) -> tuple[Array, Array]:
+def held(contacts: int = 20, d: int = 3) -> tuple[Array, Array]:
     """W with a condition below ten and weak coupling; q closes most contacts."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     m = contacts * d
     root = rng.normal(size=(m, m)) / np.sqrt(m)
     W = 0.3 * (root @ root.T) + np.eye(m)

@@ -255,15 +255,6 @@ def test_loads_in_balance_with_themselves_are_not_refused(nu: float) -> None:
     refused(body, squeeze + body.weight([0.0, 1e-3]))
 
 
-def best_work(load: Array, generators: Array) -> float:
-    """Most work of a load on a motion with components up to 1 that no generator resists."""
-    optimum = linprog(
-        -load, A_ub=-generators, b_ub=np.zeros(len(generators)), bounds=(-1, 1)
-    )
-    assert optimum.status == 0
-    return float(-optimum.fun)
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.slow_variants("3")
 def test_against_linear_programming(dim: int) -> None:
@@ -289,7 +280,10 @@ def test_against_linear_programming(dim: int) -> None:
         for widened in (1.0, outside):
             rays = np.einsum("s,ik->isk", np.ones(sides), R[:, 0])
             rays = rays + np.einsum("i,st,itk->isk", widened * mu, circle, R[:, 1:])
-            works.append(best_work(load, rays.reshape(-1, motions)))
+            A = -rays.reshape(-1, motions)
+            # Most work on a motion with components up to 1 that no ray resists.
+            optimum = linprog(-load, A, np.zeros(len(A)), bounds=(-1, 1))
+            works.append(-optimum.fun)
         solution = bp.ReducedProblem(
             np.eye(dim * contacts),
             np.zeros((contacts, dim)),

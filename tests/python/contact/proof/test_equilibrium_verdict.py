@@ -132,19 +132,15 @@ def test_a_motion_on_the_border_of_a_dual_cone_is_a_proof() -> None:
     assert check(rigid(R, np.array([-3.0]), 1.0, 3)) == "balanced"
 
 
-def press_itself(seed: int) -> tuple[Array, Array]:
-    """``R`` of contacts without friction, of which two hold each other, and a load."""
-    g = np.random.default_rng(seed)
-    motions = int(g.integers(2, 5))
-    contacts = int(g.integers(motions + 1, 8))
-    R = g.normal(size=(2 * contacts, motions))
-    R[2] = -g.uniform(0.5, 2) * R[0]
-    return R, 10 * g.normal(size=motions)
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_contacts_that_hold_each_other_hide_no_verdict(seed: int) -> None:
-    R, e = press_itself(seed)
+    rng = np.random.default_rng(seed)
+    motions = int(rng.integers(2, 5))
+    contacts = int(rng.integers(motions + 1, 8))
+    R = rng.normal(size=(2 * contacts, motions))
+    # Without friction; the first two hold each other.
+    R[2] = -rng.uniform(0.5, 2) * R[0]
+    e = 10 * rng.normal(size=motions)
     problem = rigid(R, e, 0.0, 2)
     carried = linprog(
         np.zeros(len(R) // 2), A_eq=R[::2].T, b_eq=-e, method="highs"

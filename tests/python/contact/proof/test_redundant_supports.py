@@ -65,35 +65,3 @@ def test_work_does_not_grow_as_a_body_becomes_incompressible(nu: float) -> None:
     step = model.problem().solve(np.zeros(model.n), moved, tol=TOL)[0]
     # Five sweeps and a few Newton steps at 0.3; at most thirty proximal points.
     assert step.work < 400
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_rigid_bodies_that_touch_everywhere(d: int) -> None:
-    """W = 0 and q = 0: displacements are those of rigid motions alone, and have no size.
-
-    The load balances known reactions in the cones, so that no motion is a solution.
-    """
-    solved = 0
-    for seed in range(60):
-        rng = np.random.default_rng([d, seed])
-        contacts, motions = int(rng.integers(1, 6)), int(rng.integers(1, 7))
-        motions = min(motions, d * contacts)
-        mu = float(rng.choice([0.0, 0.3, 0.8]))
-        R = rng.normal(size=(d * contacts, motions))
-        true_reaction = rng.uniform(0.5, 1.0, (contacts, d))
-        true_reaction[:, 1:] *= 0.3 * mu
-        e = -R.T @ true_reaction.ravel() * (seed % 3 > 0)
-        W, q = np.zeros((d * contacts,) * 2), np.zeros((contacts, d))
-        solution = bp.ReducedProblem(W, q, mu, rigid=(R, e)).solve(tol=TOL)
-        assert solution.converged, solution.message
-        r = solution.reaction
-        assert (solution.relative_displacement == 0).all()
-        size = np.abs(e).max() or 1.0
-        # η is relative to e in orthonormal motions, whose condition is below a hundred.
-        assert np.abs(R.T @ r.ravel() + e).max() <= 1e3 * TOL * size
-        outside = np.linalg.norm(r[:, 1:], axis=1) - mu * r[:, 0]
-        assert r[:, 0].min() >= 0
-        assert outside.max() <= TOL * size
-        solved += solution.iterations
-    # Each is a linear system and a projection or two: none searches for long.
-    assert solved < 60 * 100

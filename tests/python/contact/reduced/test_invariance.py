@@ -15,9 +15,9 @@ Array = NDArray[np.float64]
 MU = 0.3
 
 
-def pressed_cube(cells: int = 4) -> tuple[Body, NDArray[np.int64], Array]:
+def pressed_cube() -> tuple[Body, NDArray[np.int64], Array]:
     """A cube held at its top, pressed and then sheared obliquely: all three statuses occur."""
-    body = block((1.0, 1.0, 1.0), (cells,) * 3, 200.0, 0.3)
+    body = block((1.0, 1.0, 1.0), (4, 4, 4), 200.0, 0.3)
     top = [body.dofs(2, 1.0, component) for component in range(3)]
     count = top[0].size
     path = np.array([[0, 0, -1e-2], [4e-3, 2e-3, -1e-2], [5e-3, -3e-3, -0.8e-2]])

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -171,8 +170,9 @@ def test_bounds_find_a_wrong_solution() -> None:
 
 def test_the_bound_of_data_is_reached() -> None:
     """The last bits of K, chosen against u, move u by a large part of the bound."""
-    case = poisson_block()
-    right = exact.solve(case, *statuses_of(case))
+    case = blocks.pressed([np.linspace(0, 2, 9), np.linspace(0, 1, 5)], 0.4999)
+    _, step = solved(case)
+    right = exact.solve(case, step.status, step.slip)
     n = case.K.shape[0]
     free = np.setdiff1d(np.arange(n), case.fixed)
     u = exact.to_floats(right.u)
@@ -187,20 +187,10 @@ def test_the_bound_of_data_is_reached() -> None:
     bent = K.copy()
     bent.data = K.data * (1 + EPS * against_u * np.sign(K.data))
     other = replace(case, K=bent.tocsr())
-    moved = exact.solve(other, *statuses_of(case))
+    moved = exact.solve(other, step.status, step.slip)
     change = np.abs(exact.to_floats(moved.u - right.u)).max() / np.abs(u).max()
     data = EPS * right.condition()[2]
     assert 0.2 * data <= change <= 2 * data
-
-
-def poisson_block() -> Any:
-    axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
-    return blocks.pressed(axes, 0.4999)
-
-
-def statuses_of(case: Any) -> tuple[Any, Any]:
-    _, step = solved(case)
-    return step.status, step.slip
 
 
 def test_the_page_shows_what_was_measured(repository: Path) -> None:

@@ -107,15 +107,11 @@ def test_bound_holds(seeds: range, count: int) -> None:
     assert np.quantile(ratios, 0.9) < 10
 
 
-def case_of(name: str, n: int) -> tuple[bp.ContactProblem, scene.Case]:
-    read = scene.read(name, [f"mesh.n={n}"])
-    case = scene.assemble(read, scene.bodies(read))
-    return case.model.problem(), case
-
-
 @pytest.mark.parametrize(("name", "n"), [("sheared_cube", 4), ("two_blocks", 4)])
 def test_bound_holds_on_scenes(name: str, n: int) -> None:
-    problem, case = case_of(name, n)
+    read = scene.read(name, [f"mesh.n={n}"])
+    case = scene.assemble(read, scene.bodies(read))
+    problem = case.model.problem()
     path = problem.solve(case.load, case.prescribed, tol=1e-8)
     before = path[-2] if len(path) > 1 else None
     load = None if case.load is None else case.load[-1]

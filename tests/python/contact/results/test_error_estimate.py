@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
@@ -111,13 +110,6 @@ def test_of_the_steps_of_a_path(held: bool, tol: float) -> None:
         before = step
 
 
-def redundant_bar() -> tuple[Any, Any, Array]:
-    # H8: three supports of a bar (v, θ, w along them); two would be enough.
-    rows = [[[1.0, x, 0.0], [0.0, 0.0, 1.0]] for x in (-1.0, 0.0, 1.0)]
-    B = sparse.csr_array(np.vstack(rows))
-    return 1e-3 * np.eye(3), B, np.array([-1.0, 0.0, 0.1])
-
-
 def test_none_where_reactions_are_not_determined() -> None:
     # H7: the same contact twice.
     W, q = np.array([[0.5, 0.1], [0.1, 1.0]]), np.array([[-1.0, 0.7]])
@@ -125,7 +117,9 @@ def test_none_where_reactions_are_not_determined() -> None:
     twice = bp.ReducedProblem(np.tile(W, (2, 2)), np.tile(q, (2, 1)), MU).solve()
     assert twice.converged
     assert twice.error_estimate is None
-    K, B, load = redundant_bar()
+    # H8: three supports of a bar (v, θ, w along them); two would be enough.
+    rows = [[[1.0, x, 0.0], [0.0, 0.0, 1.0]] for x in (-1.0, 0.0, 1.0)]
+    K, B, load = 1e-3 * np.eye(3), np.vstack(rows), [-1.0, 0.0, 0.1]
     bar = bp.solve(K, B, load, gap=np.zeros(3), mu=MU)[0]
     assert bar.converged
     assert bar.error_estimate is None
@@ -137,18 +131,12 @@ def test_none_without_convergence() -> None:
     assert cut.error_estimate is None
 
 
-def two_steps() -> bp.Result:
+def test_a_computed_estimate_is_pickled(tmp_path: Path) -> None:
     body = block((2.0, 1.0), (4, 2), 100.0, 0.3)
     fixed = np.concatenate([body.dofs(1, 1.0, k) for k in (0, 1)])
-    load = body.weight([0.3, -1.0])
-    path = np.stack([load, 1.2 * load])
-    return bp.solve(
-        body.K, body.B, path, gap=body.gap, mu=MU, fixed=fixed, method="uzawa"
-    )
-
-
-def test_a_computed_estimate_is_pickled(tmp_path: Path) -> None:
-    result = two_steps()
+    path = np.outer([1.0, 1.2], body.weight([0.3, -1.0]))
+    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU, fixed=fixed)
+    result = problem.solve(path, method="uzawa")
     asked = result[1].error_estimate
     sent = pickle.loads(pickle.dumps(result))
     result.save(tmp_path / "result.h5")
