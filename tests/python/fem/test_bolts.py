@@ -99,17 +99,15 @@ def stand(
     Sections are at half the height of the columns; with ``half`` the middle column is cut
     along x = 0, a plane of symmetry.
     """
-    x = np.array([-6, -5, -4, -2.5, -1, 0, 1, 2.5, 4, 5, 6.5]) * scale
-    if "middle" in bolts:
-        x = np.array([-4, -2.5, -1, 0, 1, 2.5, 4]) * scale
-    x = x[x >= 0] if half else x
-    levels = np.array([0, 4, 8, 10, 12.0]) * scale
-    d, deep = CELLS[cell], [np.array([0, 3.0]) * scale]
-    axes = [x, *(deep if d == 3 else []), levels]
-    inner = 1.01 * scale if "middle" in bolts else 4.01 * scale
+    middle, d = "middle" in bolts, CELLS[cell]
+    x = np.array([-4, -2.5, -1, 0, 1, 2.5, 4])
+    x = (x if middle else np.array([-6, -5, *x, 5, 6.5])) * scale
+    deep, levels = [np.array([0, 3.0])] * (d - 2), np.array([0, 4, 8, 10, 12.0])
+    axes = [x[x >= 0] if half else x, *(a * scale for a in (*deep, levels))]
+    inner = (1.01 if middle else 4.01) * scale
 
     def is_frame(x: Floats, *yz: Floats) -> Any:
-        column = np.abs(x) < inner if "middle" in bolts else np.abs(x) > inner
+        column = np.abs(x) < inner if middle else np.abs(x) > inner
         return column | (yz[-1] > 10 * scale)
 
     def is_block(x: Floats, *yz: Floats) -> Any:
@@ -121,28 +119,18 @@ def stand(
     frame = carve("frame", axes, cell, is_frame, steel)
     block = carve("block", axes, cell, is_block, soft)
     name, up = f"{'xyz'[d - 1]}{10 * scale:g}", f"{'xyz'[d - 1]}0"
-    mesh, middle = frame.mesh, frame.mesh.p[:, frame.mesh.facets].mean(axis=1)
-    at_section = np.isclose(middle[-1], 4 * scale) & (mesh.f2t[1] >= 0)
-    where = {"left": middle[0] < -inner, "right": middle[0] > inner}
-    where["middle"] = np.abs(middle[0]) < inner
-    frame = Body(
-        "frame",
-        mesh.with_boundaries(
-            {one: np.flatnonzero(at_section & where[one]) for one in bolts}
-        ),
-        steel,
-    )
-    supports = [
-        Support("frame", up, range(d)),
-        Support("block", up, range(d)),
-    ]
-    if half:
-        supports.append(Support("frame", "x0", (0,)))
+    mesh, at = frame.mesh, frame.mesh.p[:, frame.mesh.facets].mean(axis=1)
+    cut = np.isclose(at[-1], 4 * scale) & (mesh.f2t[1] >= 0)
+    where = {"left": at[0] < -inner, "right": at[0] > inner}
+    where["middle"] = np.abs(at[0]) < inner
+    sections = {bolt: np.flatnonzero(cut & where[bolt]) for bolt in bolts}
+    frame = Body("frame", mesh.with_boundaries(sections), steel)
+    supports = [Support(body, up, range(d)) for body in ("frame", "block")]
     return fem.assemble(
         [frame, block],
         [Contact("block", name, mu, against=("frame", name))],
-        supports,
-        bolts=[Bolt(one, "frame", one, share) for one in bolts],
+        supports + [Support("frame", "x0", (0,))] * half,
+        bolts=[Bolt(bolt, "frame", bolt, share) for bolt in bolts],
     )
 
 
@@ -184,29 +172,23 @@ def solve_densely(
     ties = np.hstack([-T[:, :n], -T[:, first]])
     ties[np.arange(len(T)), model.ties.dependent] = 1.0
     touch = model.B.toarray()[:: model.dim, :n]
-    C = np.vstack([ties, np.hstack([touch, np.zeros((len(touch), bolts))])])
-    C *= K.max()
+    C = np.vstack([ties, np.hstack([touch, np.zeros((len(touch), bolts))])]) * K.max()
     size, m = n + bolts, len(C)
     saddle = np.zeros((size + m, size + m))
     saddle[:n, :n], saddle[size:, :size], saddle[:size, size:] = K, C, C.T
-    kept, shortenings, felt = np.zeros(len(model.bolts)), [], []
+    kept, shortenings, felt = np.zeros(bolts), [], []
     for step in forces:
-        right, fixed = np.zeros(size + m), dict.fromkeys(bare.fixed.tolist(), 0.0)
+        right, u = np.zeros(size + m), np.zeros(size + m)
+        locked = [k for k, bolt in enumerate(model.bolts) if bolt.name not in step]
         for k, bolt in enumerate(model.bolts):
-            if bolt.name in step:
-                right[n + k] = step[bolt.name]
-            else:
-                fixed[n + k] = kept[k]
-        at = np.array(list(fixed))
+            right[n + k] = step.get(bolt.name, 0.0)
+        at = np.append(bare.fixed, n + np.array(locked, int))
+        u[n + np.array(locked, int)] = kept[locked]
         free = np.setdiff1d(np.arange(size + m), at)
-        u = np.zeros(size + m)
-        u[at] = list(fixed.values())
-        u[free] = np.linalg.solve(
-            saddle[np.ix_(free, free)],
-            right[free] - saddle[np.ix_(free, at)] @ u[at],
-        )
-        kept = u[n:size]
-        shortenings.append(kept.copy())
+        rest = right[free] - saddle[np.ix_(free, at)] @ u[at]
+        u[free] = np.linalg.solve(saddle[np.ix_(free, free)], rest)
+        kept = u[n:size].copy()
+        shortenings.append(kept)
         felt.append((saddle @ u)[n:size])
     return np.array(shortenings), np.array(felt)
 

@@ -156,54 +156,49 @@ def test_half_a_body_with_symmetry_equals_the_whole(cell: str, degree: int) -> N
 )
 def test_half_a_mortar_joint_equals_the_whole(turn: Floats) -> None:
     """Facets at the plane are halves: what they move across it cancels in the whole joint."""
-    forces, displacements = [], []
-    for low in (-1.0, 0.0):
+    across, along, up = turn.T
+    material = fem.Material(10.0, 0.3)
+    on = {"against": ("lower", "top"), "pairing": "mortar"}
+    held = [
+        fem.Support(*end, (0, 1, 2)) for end in (("lower", "left"), ("upper", "right"))
+    ]
+    shapes = {
+        "lower": (np.linspace(0, 2, 5), 3, [0.0, 0.5]),
+        "upper": (np.linspace(0.3, 2.4, 4), 2, [0.5, 0.75, 1.0]),
+    }
 
-        def body(
-            name: str, x: Floats, cells: int, z: list[float], low: float = low
-        ) -> Any:
+    def pressed(at: Floats) -> Floats:
+        return np.multiply.outer(-0.02 * up, 1 + np.tensordot(along, at, 1) ** 2)
+
+    def solved(low: float) -> list[Floats]:
+        """Forces and displacements of the half y >= 0, in the axes of the joint."""
+        bodies = []
+        for name, (x, cells, z) in shapes.items():
             y = np.linspace(low, 1, cells * (2 if low else 1) + 1)
-            mesh = turned(fem.box([x, y, np.array(z)], "hexahedron"), turn)
-            return fem.Body(name, mesh, fem.Material(10.0, 0.3))
-
-        bodies = [
-            body("lower", np.linspace(0, 2, 5), 3, [0.0, 0.5]),
-            body("upper", np.linspace(0.3, 2.4, 4), 2, [0.5, 0.75, 1.0]),
-        ]
-        contact = fem.Contact(
-            "upper", "bottom", 0.2, against=("lower", "top"), pairing="mortar"
-        )
-        planes = [] if low else [fem.Symmetry(b.name, "front") for b in bodies]
-        ends = [("lower", "left"), ("upper", "right")]
-        supports = [fem.Support(*end, (0, 1, 2)) for end in ends]
-        model = fem.assemble(bodies, [contact], supports, symmetries=planes)
-        x, y, z = turn.T
-
-        def pressed(at: Floats, y: Floats = y, z: Floats = z) -> Floats:
-            return np.multiply.outer(-0.02 * z, 1 + np.tensordot(y, at, 1) ** 2)
-
+            mesh = turned(fem.box([x, y, z], "hexahedron"), turn)
+            bodies.append(fem.Body(name, mesh, material))
+        planes = [] if low else [fem.Symmetry(name, "front") for name in shapes]
+        contact = fem.Contact("upper", "bottom", 0.2, **on)
+        model = fem.assemble(bodies, [contact], held, symmetries=planes)
         load = model.traction("upper", "top", pressed)
-        values = model.prescribed([np.zeros(3), 1e-2 * x])
+        values = model.prescribed([np.zeros(3), 1e-2 * across])
         result = model.problem().solve(load, values, tol=1e-12)
-        at, moved = [], []
-        for b in bodies:
-            at.append(b.points @ turn)
-            moved.append(model.displacement_of(b.name, result.displacement[0]) @ turn)
-        force = np.einsum("cij,ci->cj", model.frame, result.reaction[0]) @ turn
-        middle = abs(model.points @ y) < 1e-12
-        force *= np.where(middle & (low < 0), 0.5, 1.0)[:, None]
-        places = [model.points @ turn, *at]
-        order = [np.lexsort(p[p[:, 1] > -1e-9].round(9).T) for p in places]
-        fields = [
-            v[p[:, 1] > -1e-9][o]
-            for v, p, o in zip([force, *moved], places, order, strict=True)
-        ]
-        forces.append(fields[0])
-        displacements.append(np.vstack(fields[1:]))
         assert {1, 2} <= set(result.status[0].tolist())
-    for whole, half in (forces, displacements):
-        # η of 1e-12 with a condition of 10³.
-        close(half, whole, 1e-9)
+        force = np.einsum("cij,ci->cj", model.frame, result.reaction[0])
+        middle = abs(model.points @ along) < 1e-12
+        force *= np.where(middle & (low < 0), 0.5, 1.0)[:, None]
+        fields = [(model.points, force)]
+        for b in bodies:
+            moved = model.displacement_of(b.name, result.displacement[0])
+            fields.append((b.points, moved))
+        kept = [(p @ turn, v @ turn) for p, v in fields]
+        kept = [(p[p[:, 1] > -1e-9], v[p[:, 1] > -1e-9]) for p, v in kept]
+        return [v[np.lexsort(p.round(9).T)] for p, v in kept]
+
+    (force, *moved), (half, *others) = solved(-1.0), solved(0.0)
+    # η of 1e-12 with a condition of 10³.
+    close(half, force, 1e-9)
+    close(np.vstack(others), np.vstack(moved), 1e-9)
 
 
 def doubled(right: object) -> object:

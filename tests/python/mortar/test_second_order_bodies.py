@@ -1,11 +1,16 @@
-"""Second-order bodies on rigid planes by mortar: whole surfaces, parts, clearances."""
+"""Second-order bodies by mortar: planes, parts, clearances, rotated and in other units.
+
+The tests look for a wrong solution that is reported as converged.
+"""
 
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from bipot_rs import fem
+from bipot_rs import analytic, fem
 from bipot_rs import obstacle as ob
 from support.comparisons import close, near, refused
 
@@ -15,6 +20,7 @@ E, NU, P = 1000.0, 0.3, 2.0
 # Some thousand second-order unknowns: their condition, 1e4, times rounding.
 PATCH = 1e-11
 
+Floats = NDArray[np.float64]
 KINDS: dict[str, tuple[str, bool | None]] = {
     "T3": ("tetrahedron", None),
     "T6": ("tetrahedron", False),
@@ -24,13 +30,36 @@ KINDS: dict[str, tuple[str, bool | None]] = {
 }
 
 
+def made(
+    kind: str, axes: list[Any], turn: Floats, unit: float, name: str = "it"
+) -> fem.Body:
+    """A box numbered at random, rotated, in other units of length; second order by kind.
+
+    Forces keep their unit, so stresses scale with ``1/unit²``.
+    """
+    cell, few = KINDS[kind]
+    mesh = fem.box(axes, cell)
+    random = np.random.default_rng(len(axes[0]))
+    order = random.permutation(mesh.p.shape[1])
+    p = np.empty_like(mesh.p)
+    p[:, order] = mesh.p
+    cells = order[mesh.t][:, random.permutation(mesh.t.shape[1])]
+    mesh = type(mesh)(p, cells)
+    if few is not None:
+        mesh = fem.second_order(mesh, serendipity=few)
+    ends: dict[str, Any] = {"left": (0, 0.0), "front": (1, 0.0)}
+    ends |= {"bottom": (2, min(axes[2])), "top": (2, max(axes[2]))}
+    named = {
+        word: fem.surface(mesh, within={k: (at, at)}) for word, (k, at) in ends.items()
+    }
+    placed = type(mesh)(unit * (turn @ mesh.p), mesh.t, named)
+    return fem.Body(name, placed, fem.Material(E / unit**2, NU))
+
+
 def cube(kind: str, name: str, low: float, grid: list[float]) -> fem.Body:
     """A unit cube above ``low`` with unequal divisions."""
-    cell, serendipity = KINDS[kind]
-    mesh = fem.box([grid, grid, low + np.array([0.0, 0.4, 1.0])], cell)
-    if serendipity is not None:
-        mesh = fem.second_order(mesh, serendipity=serendipity)
-    return fem.Body(name, mesh, fem.Material(E, NU))
+    axes = [grid, grid, low + np.array([0.0, 0.4, 1.0])]
+    return made(kind, axes, np.eye(3), 1.0, name)
 
 
 def solved(body: fem.Body, *contacts: fem.Contact) -> tuple[Any, Any]:
@@ -116,3 +145,68 @@ def test_clearances_at_nodes(kind: str) -> None:
                 near(first[1, :, 0], one.gap + 0.2, 1e-13)
     with refused(r"clearance of the contact on 'bottom' has sha"):
         made(values[1:], **floor)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize(
+    ("high", "low"),
+    [
+        ("T6", "Q8"),
+        ("Q8", "T6"),
+        ("T3", "Q9"),
+        ("Q4", "Q8"),
+        ("Q9", "T3"),
+        ("Q8", "Q9"),
+    ],
+)
+def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> None:
+    """Two non-matching bodies on symmetry planes whose normals are not along axes."""
+    turn = Rotation.random(random_state=len(high + low) + int(unit > 1)).as_matrix()
+    grids, up = ([0, 0.45, 1.0], [0, 0.3, 0.7, 1.0]), np.array([0, 0.4, 1.0])
+    bodies = [
+        made(high, [grids[0], grids[0], up], turn, unit, "high"),
+        made(low, [grids[1], grids[1], up - 1], turn, unit, "low"),
+    ]
+    on: Any = {"against": ("low", "top"), "pairing": "mortar"}
+    planes = [fem.Symmetry(b.name, s) for b in bodies for s in ("left", "front")]
+    planes.append(fem.Symmetry("low", "bottom"))
+    contacts = [fem.Contact("high", "bottom", 0.5, **on)]
+    model = fem.assemble(bodies, contacts, symmetries=planes)
+    assert model.area.sum() == pytest.approx(unit**2, rel=1e-13)
+    assert (model.area > 0).all()
+    load = model.pressure("high", "top", P / unit**2)
+    result = model.problem().solve(load, model.prescribed([]), tol=1e-14)
+    x = model.nodes @ turn / unit
+    exact = P / E * np.column_stack([NU * x[:, 0], NU * x[:, 1], -1 - x[:, 2]])
+    # Some hundred unknowns: a condition of 1e3 times rounding.
+    close(result.displacement[0].reshape(-1, 3) @ turn / unit, exact, 1e-12)
+    assert result.traction is not None
+    near(unit**2 * result.traction[0, :, 0], P, 1e-11 * P)
+
+
+@pytest.mark.parametrize("kind", ["T6", "Q8"])
+@pytest.mark.slow_variants("T6")
+def test_hertz_turned_and_in_other_units(kind: str) -> None:
+    """A rigid ball on a quarter of a block: equal to the unrotated result, close to Hertz's."""
+    radius, a = 1.0, 0.1
+    g = np.append(np.linspace(0, 1.4 * a, 4), 1.4 * a * np.geomspace(1, 7, 4)[1:])
+    planes = [fem.Symmetry("it", s) for s in ("left", "front", "bottom")]
+    results = []
+    turned = Rotation.random(random_state=3).as_matrix()
+    for turn, unit in ((np.eye(3), 1.0), (turned, 1e6)):
+        body = made(kind, [g, g, np.sort(-g)], turn, unit)
+        ball = ob.Sphere(unit * (radius - a**2 / radius) * turn[:, 2], unit * radius)
+        contact = fem.Contact("it", "top", 0.0, obstacle=ball, pairing="mortar")
+        model = fem.assemble([body], [contact], symmetries=planes)
+        result = model.problem().solve(None, model.prescribed([]), tol=1e-12)
+        force = np.einsum("cij,ci->j", model.frame, result.reaction[0]) @ turn
+        u = result.displacement[0].reshape(-1, 3) @ turn / unit
+        results.append((force, u, result.status[0]))
+    (force, u, status), (other, v, again) = results
+    close(other, force, 1e-9)
+    close(v, u, 1e-9)
+    np.testing.assert_array_equal(status, again)
+    e_star = analytic.contact_modulus(E, NU)
+    half, _, _ = analytic.hertz_sphere(-4 * force[2], radius, e_star)
+    # Three facets over the contact radius, and a block ten radii deep.
+    assert half == pytest.approx(a, rel=0.06)

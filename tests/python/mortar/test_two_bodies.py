@@ -19,7 +19,7 @@ pytestmark = pytest.mark.needs_extra
 Array = NDArray[np.float64]
 PLANE, SPACE = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
 MIXED = [(a, b) for cells in (PLANE, SPACE) for a in cells for b in cells]
-# In space, bodies of second order are in test_extreme_meshes.
+# In space, bodies of second order are in test_second_order_bodies.
 SECOND = [("triangle6", "triangle"), ("triangle", "quadrilateral9")]
 SECOND += [("quadrilateral9", "triangle6")]
 NU, P = 0.3, 1e-3
