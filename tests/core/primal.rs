@@ -426,7 +426,7 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
         let problem = blocks
             .arrays(|arrays| Primal::new(&arrays, None, false, &GO))
             .unwrap();
-        let statuses = blocks.primal().pop().unwrap().step.solution.status;
+        let statuses = blocks.primal().pop().unwrap().made.step.solution.status;
         let mixed: Vec<Status> = statuses
             .iter()
             .enumerate()
