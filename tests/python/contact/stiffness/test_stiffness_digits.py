@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.io import mmwrite
 from skfem import MeshTet
 
 import bipot_rs as bp
 import bipot_rs._core as _core
 from bipot_rs import fem
 from support.comparisons import bits, refused
+from support.matrix_and_tables import of_dofs
 from support.orders import by_component
 
 pytestmark = pytest.mark.needs_extra
@@ -452,19 +452,22 @@ def test_the_estimate_for_a_nearly_incompressible_body() -> None:
 
 def test_the_command(tmp_path: Path, bipot: Any) -> None:
     data = case("quadrilateral", False)
-    mmwrite("K.mtx", data.K.tocoo(), symmetry="symmetric", precision=8)
     bottom = np.flatnonzero(data.at[::2, 1] == 0)
-    contacts = ["node,nx,ny,mu", *(f"{k},0,1,0.3" for k in bottom)]
-    nodes = [f"{k},{x!r},{y!r}" for k, (x, y) in enumerate(data.at[::2].tolist())]
-    load = [f"{k},{f!r}" for k, f in enumerate(data.load.tolist()) if f]
-    command = ["solve", "--stiffness", "K.mtx", "--out", "here", "--tol", "1e-12"]
-    for name, lines in (
-        ("nodes", ["node,x,y", *nodes]),
-        ("contacts", contacts),
-        ("load", ["dof,force", *load]),
-    ):
-        Path(f"{name}.csv").write_text("\n".join(lines) + "\n")
-        command.append(f"--{name}={name}.csv")
+    contacts = "".join(f"{2 * k},{2 * k + 1},0,1,0.3\n" for k in bottom)
+    load = "".join(f"{k},{f!r}\n" for k, f in enumerate(data.load.tolist()) if f)
+    tables = "dof_x,dof_y,nx,ny,mu\n" + contacts, "dof,force\n" + load
+    command = of_dofs(tmp_path, written(data.K, 8), *tables)
+    command += ["--out", "here", "--tol", "1e-12"]
+    status, _, errors = bipot(*command, "--stiffness-rtol", "1e-8")
+    assert status == 2
+    assert "--stiffness-rtol needs --nodes" in errors
+    nodes = "".join(
+        f"{k},{x!r},{y!r}\n" for k, (x, y) in enumerate(data.at[::2].tolist())
+    )
+    Path("nodes.csv").write_text("node,x,y\n" + nodes)
+    contacts = "".join(f"{k},0,1,0.3\n" for k in bottom)
+    Path("contacts.csv").write_text("node,nx,ny,mu\n" + contacts)
+    command += ["--nodes", "nodes.csv"]
     status, _, errors = bipot(*command)
     assert status == 2
     assert "stiffness_rtol" in errors
@@ -476,12 +479,6 @@ def test_the_command(tmp_path: Path, bipot: Any) -> None:
     result = bp.load(tmp_path / "here" / "result.h5")
     full = data.problem().solve(data.load)
     assert apart(result.reaction, full.reaction) <= CONDITION * 5e-8
-    rows = [f"{2 * k},{2 * k + 1},0,1,0.3" for k in bottom]
-    Path("contacts.csv").write_text("\n".join(["dof_x,dof_y,nx,ny,mu", *rows]) + "\n")
-    command.remove("--nodes=nodes.csv")
-    status, _, errors = bipot(*command, "--stiffness-rtol", "1e-8")
-    assert status == 2
-    assert "--stiffness-rtol needs --nodes" in errors
 
 
 def random_case(rng: np.random.Generator) -> tuple[Case, int, int]:

@@ -544,7 +544,8 @@ def test_wear_needs_contacts_areas_and_a_matching_start() -> None:
         spring().wear(PULL, start=other, **given)
 
 
-def test_the_record_is_told_cycle_by_cycle() -> None:
+def test_the_record_is_told_cycle_by_cycle(tmp_path: Path) -> None:
+    """Files keep the depth."""
     told: list[tuple[int, Any]] = []
     wear = worn_pad(on_cycle=lambda number, step: told.append((number, step.wear)))
     assert [number for number, _ in told] == wear.cycle.tolist()
@@ -555,17 +556,12 @@ def test_the_record_is_told_cycle_by_cycle() -> None:
     assert {step.cycle for step in wear.result} == {60}
     np.testing.assert_array_equal(ends.traction[:, :, 0], wear.pressure)
     assert repr(wear).startswith("Wear(60 cycles, ")
-    none = worn_pad(coefficient=0.0)
-    assert none.depth.max() == 0 == none.error_estimate
-
-
-def test_files_keep_the_depth(tmp_path: Path) -> None:
-    ends = worn_pad(cycles=3).ends
     ends.save(tmp_path / "worn.h5")
     loaded = bp.load_result(tmp_path / "worn.h5")
-    for step, ended in zip(loaded, ends, strict=True):
-        assert step.cycle == ended.cycle
-        np.testing.assert_array_equal(step.wear, ended.wear)
+    assert [step.cycle for step in loaded] == wear.cycle.tolist()
+    np.testing.assert_array_equal([step.wear for step in loaded], wear.depth)
+    none = worn_pad(coefficient=0.0)
+    assert none.depth.max() == 0 == none.error_estimate
 
 
 def test_a_path_continues_on_worn_contacts() -> None:

@@ -90,7 +90,7 @@ def test_differences_feel_statuses_that_change(
 ) -> None:
     """Why (30) has differences: derivatives at the start do not see contacts that will slip."""
     exact, differences = compared(
-        monkeypatch, lambda: worn_pad(coefficient=COEFFICIENT / 2, cycles=200, rtol=0.1)
+        monkeypatch, lambda: worn_pad(coefficient=COEFFICIENT / 2, cycles=150, rtol=0.1)
     )
     assert exact.min() < 0.25
     assert differences.min() > 1.0
