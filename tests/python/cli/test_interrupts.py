@@ -30,36 +30,50 @@ def left(cwd: Path) -> tuple[bool, int]:
 def hit(
     number: signal.Signals, times: int = 1, pause: float = 0.0
 ) -> Callable[..., None]:
-    """A fault that sends signals to this process."""
+    """A fault that sends signals to this process, the first time that it is called."""
+    pending = list(range(times))
 
     def fault(*_: object) -> None:
-        for k in range(times):
+        while pending:
+            k = pending.pop(0)
             time.sleep(pause if k else 0.0)
             os.kill(os.getpid(), number)
 
     return fault
 
 
+BODIES = "bipot_rs.fem.paraview:write_bodies"
+
+
 @pytest.mark.parametrize(
-    ("before", "number"),
+    ("before", "number", "steps"),
     [
-        ("bipot_rs.files.export:require", INT),
-        ("bipot_rs.scene.reading:read", TERM),
-        ("bipot_rs.scene.build:bodies", INT),
-        ("bipot_rs.scene.case:assemble", TERM),
-        ("bipot_rs._core:Condensed", INT),
-        ("bipot_rs._core:Path", TERM),
+        ("bipot_rs.files.export:require", INT, 0),
+        ("bipot_rs.scene.reading:read", TERM, 0),
+        ("bipot_rs.scene.build:bodies", INT, 0),
+        ("bipot_rs.scene.case:assemble", TERM, 0),
+        ("bipot_rs._core:Condensed", INT, 0),
+        ("bipot_rs._core:Path", TERM, 0),
+        # All steps are solved by then, and all files are written whole.
+        (BODIES, INT, STEPS),
+        ("bipot_rs.files.series:_three", INT, STEPS),
     ],
 )
-def test_before_the_first_step(
-    before: str, number: signal.Signals, tmp_path: Path
+def test_before_the_first_step_and_while_files_are_written(
+    before: str, number: signal.Signals, steps: int, tmp_path: Path
 ) -> None:
     run = bipot_with(hit(number), before, *RUN, cwd=tmp_path)
     assert run.returncode == 128 + number
     assert run.stderr == ""
-    (last,) = map(json.loads, run.stdout.splitlines())
+    *told, last = map(json.loads, run.stdout.splitlines())
+    assert len(told) == steps
     assert last["message"].startswith("interrupted")
-    assert left(tmp_path) == (False, 0)
+    assert left(tmp_path) == (False, steps)
+    # After the last file the run has ended.
+    if before == BODIES:
+        ended = bipot_with(hit(INT), "bipot_rs.cli.run.job:replace", *RUN, cwd=tmp_path)
+        assert ended.returncode == 0
+        assert left(tmp_path) == (True, STEPS)
 
 
 @pytest.mark.parametrize("number", [INT, TERM])
@@ -80,23 +94,6 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "here" / "result.vtkhdf") as file:
         assert file["VTKHDF/Steps"].attrs["NSteps"] == 3
         assert len(file["VTKHDF/Steps/Values"]) == 3
-
-
-BODIES = "bipot_rs.fem.paraview:write_bodies"
-
-
-@pytest.mark.parametrize("before", [BODIES, "bipot_rs.files.series:_three"])
-def test_while_files_are_written(before: str, tmp_path: Path) -> None:
-    """All steps are solved by then, and all files are written whole."""
-    run = bipot_with(hit(INT), before, *RUN, cwd=tmp_path)
-    assert run.returncode == 130
-    assert left(tmp_path) == (False, STEPS)
-
-
-def test_after_the_last_file_the_run_has_ended(tmp_path: Path) -> None:
-    run = bipot_with(hit(INT), "bipot_rs.cli.run.job:replace", *RUN, cwd=tmp_path)
-    assert run.returncode == 0
-    assert left(tmp_path) == (True, STEPS)
 
 
 def test_an_earlier_result_is_replaced_by_load_steps_only(tmp_path: Path) -> None:

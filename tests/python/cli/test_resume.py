@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from support import children
 from support.bars import bar_problem, pulled
 from support.children import bipot, bipot_with
 from support.comparisons import FIELDS, bits, content
@@ -114,13 +115,7 @@ def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) ->
     m.contact("block.bottom", against="ball", mu=0.3)
     m.path(way=[0.0, 0.4, 0.8, 1.0])
     m.to_toml(tmp_path / "ball.toml")
-    run = "run", "ball.toml", "--out"
-    assert bipot(*run, "whole", cwd=tmp_path).returncode == 0
-    assert bipot_with(stop_at(2), ROW, *run, "here", cwd=tmp_path).returncode == 130
-    assert bipot(*run, "here", "--resume", cwd=tmp_path).returncode == 0
-    here, whole = (tmp_path / at / "result.h5" for at in ("here", "whole"))
-    assert content(here) == content(whole)
-    step = bp.load(whole)[1]
+    step = bp.load(children.resumed("ball.toml", "--out", "here", cwd=tmp_path))[1]
     assert step.working_set is not None
     # Larger than the initial set of a path that starts from this state alone.
     assert len(step.working_set) > (step.status > 0).sum() + 12

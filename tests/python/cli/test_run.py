@@ -116,11 +116,9 @@ def test_a_later_run_replaces_the_files_of_an_earlier_one(tmp_path: Path) -> Non
     assert left == FILES | {"result_0000.vtu", "contact_0000.vtu"} | mine
 
 
+@pytest.mark.slow
 def test_output_in_an_encoding_without_greek(tmp_path: Path) -> None:
-    """A pipe on Windows has such an encoding: μ of a summary is then written as its code.
-
-    .github/workflows/wheels.yml asks this of other systems.
-    """
+    """A pipe on Windows has such an encoding: μ of a summary is then written as its code."""
     code = f"from bipot_rs.cli.entry import call; call({['run', 'pressed_block', *N4]})"
     done = child(code, cwd=tmp_path, PYTHONIOENCODING="cp1252")
     assert done.returncode == 0, done.stderr

@@ -114,6 +114,7 @@ def test_a_result_lost_with_its_worker_is_computed_again(
     assert result == {number: number for number in range(4)}
 
 
+@pytest.mark.slow
 def test_a_row_larger_than_any_worker_is_not_waited_for(strict: str) -> None:
     with Cluster(strict, lambda _: None) as cluster:
         assert cluster.declares_memory()

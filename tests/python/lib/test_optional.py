@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bipot_rs._lib.optional import missing
-from support.children import child_without
+from support.programs import child_without
 
 OPTIONAL = (
     *("argcomplete", "gmsh", "h5py", "matplotlib", "meshio", "pydantic", "pyvista"),

@@ -14,7 +14,7 @@ import scipy
 import bipot_rs as bp
 from bipot_rs import _core
 from bipot_rs._lib import machine
-from support.children import child
+from support.programs import child
 
 
 def test_versions_are_those_that_run(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from support.children import child
+from support.programs import child
 
 # Together they take a third of a second or more.
 HEAVY = (

@@ -10,7 +10,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import _core
 from bipot_rs.contact.one_call import _Keywords
-from support.children import child
+from support.programs import child
 
 # Names, their leading arguments, and keywords.
 PROMISED: dict[str, tuple[str, str]] = {

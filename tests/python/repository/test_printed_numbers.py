@@ -8,6 +8,7 @@ an error left by an iteration by a factor of two.
 import math
 import re
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
@@ -152,10 +153,8 @@ def list_points(problem: Any, answer: Array, seed: int) -> Array:
 
 def compare_bounds(name: str) -> list[str]:
     """The row of a set: kinds of bounds; median and 90 % of bound over error, by its size."""
-    kinds, ratios = (
-        dict.fromkeys(("global", "local", "not available"), 0),
-        [[] for _ in CLASSES],
-    )
+    kinds = Counter()
+    ratios: list[list[float]] = [[] for _ in CLASSES]
     for seed in range(SEEDS):
         data = make_bounded_problem(name, seed)
         # The table is about many small problems that supports hold.
@@ -182,10 +181,11 @@ def compare_bounds(name: str) -> list[str]:
             for (least, most), of_class in zip(CLASSES, ratios, strict=True):
                 if least <= share < most:
                     of_class.append(bound.energy / error)
+    counts = ", ".join(str(kinds[k]) for k in ("global", "local", "not available"))
     cells = [
         f"{np.median(x):.1f} / {np.quantile(x, 0.9):.1f} ({len(x)})" for x in ratios
     ]
-    return [name, ", ".join(map(str, kinds.values())), *cells]
+    return [name, counts, *cells]
 
 
 @pytest.mark.parametrize(

@@ -60,50 +60,42 @@ def test_the_wheel_solves_with_numpy_and_scipy_alone(
 ) -> None:
     wheel, site = built("build"), tmp_path / "site"
     assert re.fullmatch(r"bipot_rs-[\d.]+-cp311-abi3-\w+\.whl", wheel.name)
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(site)
+    zipfile.ZipFile(wheel).extractall(site)
     for package in (np, scipy):
         home = Path(package.__file__).parent
         for part in (home, home.with_name(f"{home.name}.libs")):
             if part.exists():
                 (site / part.name).symlink_to(part)
-    done = subprocess.run(
-        # Neither the packages of the environment or the user, nor their variables.
-        [sys.executable, "-I", "-S", "-c", SOLVE.format(site=str(site))],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        check=False,
-    )
+    # Neither the packages of the environment or the user, nor their variables.
+    command = [sys.executable, "-I", "-S", "-c", SOLVE.format(site=str(site))]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     message, versions = done.stdout.splitlines()
     assert "pip install 'bipot-rs[io]'" in message
     assert versions.endswith("release build not installed not installed")
 
 
-def test_the_wheel_holds_the_package_and_asks_for_little(
-    built: Build, repository: Path
-) -> None:
+def test_the_wheel_holds_the_package_and_asks_for_little(built: Build) -> None:
     wheel = built("build")
     assert wheel.stat().st_size < 10e6
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
         (described,) = (n for n in names if n.endswith(".dist-info/METADATA"))
         told = message_from_bytes(archive.read(described))
-    source = repository / "python"
-    wanted = {
-        path.relative_to(source).as_posix()
-        for path in (source / "bipot_rs").rglob("*")
-        if path.suffix in (".py", ".pyi", ".toml", ".inp", ".typed")
-        or path.name == "py.typed"
-    }
-    assert wanted <= names
+    assert listed(places.ROOT / "python", "") <= names
     needed = [r for r in told.get_all("Requires-Dist", []) if "extra ==" not in r]
     assert sorted(re.split(r"[<>=]", r)[0] for r in needed) == ["numpy", "scipy"]
 
 
+def listed(root: Path, folder: str) -> set[str]:
+    """The sources below a folder."""
+    kinds = (".rs", ".py", ".pyi", ".toml", ".inp", ".typed")
+    files = (path for path in (root / folder).rglob("*") if path.suffix in kinds)
+    return {path.relative_to(root).as_posix() for path in files}
+
+
 def test_the_source_distribution_holds_what_builds_it(
-    built: Build, repository: Path, tmp_path: Path
+    built: Build, tmp_path: Path
 ) -> None:
     archive = built("sdist")
     assert archive.stat().st_size < 2e6
@@ -111,13 +103,7 @@ def test_the_source_distribution_holds_what_builds_it(
         file.extractall(tmp_path, filter="data")
     (root,) = tmp_path.iterdir()
     for folder in ("src", "python"):
-        there = {p.relative_to(root) for p in (root / folder).rglob("*") if p.is_file()}
-        here = {
-            p.relative_to(repository)
-            for p in (repository / folder).rglob("*")
-            if p.suffix in (".rs", ".py", ".pyi", ".toml", ".inp")
-        }
-        assert here <= there
+        assert listed(places.ROOT, folder) <= listed(root, folder)
     # Cargo reads it unchanged: every target that the manifest names must be there.
     read = ["cargo", "metadata", "--offline", "--locked", "--no-deps"]
     read += ["--format-version", "1"]

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from bipot_rs.scene import assemble, bodies, read
-from support.children import child, child_without
+from support.programs import child, child_without
 
 PETSC = ("petsc4py", "mpi4py")
 MAIN = "from bipot_rs.__main__ import main; sys.exit(main())"

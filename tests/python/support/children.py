@@ -18,6 +18,7 @@ import bipot_rs.cli.run.resume
 import bipot_rs.scene.reading
 from bipot_rs.files import export
 from support.comparisons import content
+from support.programs import child
 
 # Children start with the modules loaded here, because imports take most of a run.
 export.require()
@@ -34,17 +35,6 @@ sys.meta_path.insert(0, Finder())
 sys.argv = ["bipot", *sys.argv[1:]]
 from bipot_rs.__main__ import main
 sys.exit(main())
-"""
-
-
-# Before other code: Python does not find these modules, whatever this machine has.
-_WITHOUT = """
-import sys
-class Absent:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {libraries!r}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
-sys.meta_path.insert(0, Absent())
 """
 
 
@@ -151,35 +141,6 @@ def bipot_hit_at_import(
     """`bipot` that receives a signal at its first import of ``module``."""
     code = _AT_IMPORT.format(module=module, number=int(number))
     return child(code, *arguments, cwd=cwd)
-
-
-def child(
-    code: str,
-    *arguments: str,
-    cwd: Path,
-    seconds: float = 60,
-    **environment: str,
-) -> subprocess.CompletedProcess[str]:
-    """Python code in a new interpreter, without a traceback on standard error."""
-    run = subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=seconds,
-        env=os.environ | environment,
-    )
-    assert "Traceback" not in run.stderr, run.stderr
-    return run
-
-
-def child_without(
-    libraries: tuple[str, ...], code: str, *arguments: str, cwd: Path
-) -> subprocess.CompletedProcess[str]:
-    """Python code in a new interpreter that does not find some libraries."""
-    code = _WITHOUT.format(libraries=libraries) + code
-    command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
 
 
 # Writing 5 resets the largest memory of the process.
