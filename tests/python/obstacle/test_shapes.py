@@ -100,11 +100,10 @@ def test_sphere_and_cylinder_by_hand() -> None:
 def test_torus_by_hand() -> None:
     """Above, inside and next to the tube, and at the centre of the ring."""
     x = np.array([[0, 2.0, 1.5], [2.25, 0, 0], [0, -3, 0], [0, 0, 0], [0, 0, 1.5]])
-    closest = ob.Torus([0, 0, 0], [0, 0, -5], 2.0, 0.5).closest(x)
+    closest = torus(2.0, axis=[0, 0, -5]).closest(x)
     np.testing.assert_allclose(closest.distance, [1, -0.25, 0.5, 1.5, 2], rtol=EXACT)
-    np.testing.assert_allclose(
-        closest.normal[:3], [[0, 0, 1], [1, 0, 0], [0, -1, 0]], atol=EXACT
-    )
+    normals = [[0, 0, 1], [1, 0, 0], [0, -1, 0]]
+    np.testing.assert_allclose(closest.normal[:3], normals, atol=EXACT)
     # On the axis all directions across it are equivalent: inwards, and upwards at an angle.
     np.testing.assert_allclose(closest.normal[3:, 2], [0, 0.6], atol=EXACT)
     np.testing.assert_allclose(closest.foot[:, 2], [0.5, 0, 0, 0, 0.3], atol=EXACT)
@@ -208,33 +207,35 @@ def test_a_flipped_box_is_a_cavity() -> None:
 
 def test_files_without_a_surface(tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
+    (tmp_path / "bad.vtk").write_text("nothing of the kind")
+    meshio.Mesh(np.zeros((1, 3)), [("vertex", [[0]])]).write(tmp_path / "dot.vtk")
     with pytest.raises(FileNotFoundError, match=r"there is no file .*none\.stl"):
         ob.Surface.from_file(tmp_path / "none.stl")
-    (tmp_path / "bad.vtk").write_text("nothing of the kind")
-    with refused(r"bad\.vtk cannot be read as a surface: "):
-        ob.Surface.from_file(tmp_path / "bad.vtk")
-    meshio.Mesh(np.zeros((1, 3)), [("vertex", [[0]])]).write(tmp_path / "dot.vtk")
-    with refused(r"has vertex, expected triangles"):
-        ob.Surface.from_file(tmp_path / "dot.vtk")
-    line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0]])
-    meshio.Mesh(line, [("line", [[0, 1], [1, 2]])]).write(tmp_path / "line.vtk")
-    assert repr(ob.Surface.from_file(tmp_path / "line.vtk")) == (
-        "Surface(2 segments, with a border)"
-    )
+    for name, message in (
+        ("bad", r"bad\.vtk cannot be read as a surface: "),
+        ("dot", r"has vertex, expected triangles"),
+    ):
+        with refused(message):
+            ob.Surface.from_file(tmp_path / f"{name}.vtk")
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0]])
+    file = tmp_path / "line.vtk"
+    meshio.Mesh(x, [("line", [[0, 1], [1, 2]])]).write(file)
+    read = ob.Surface.from_file(file)
+    assert repr(read) == "Surface(2 segments, with a border)"
 
 
 def test_a_distance_by_its_formula() -> None:
     """Compared with the sphere: by finite differences, and with a given gradient."""
     x = around(3)
     exact = ob.Sphere([0, 0, 0], 1.0).closest(x)
-    plain = ob.Distance(lambda x: np.linalg.norm(x, axis=1) - 1).closest(x)
+
+    def away(x: Any) -> Any:
+        return np.linalg.norm(x, axis=1) - 1
+
     # Fourth order: (3e-3)⁴ with a curvature of 1/0.6, and rounding.
-    near(plain.normal, exact.normal, 1e-9)
-    by_formula = ob.Distance(
-        lambda x: np.linalg.norm(x, axis=1) - 1,
-        lambda x: x / np.linalg.norm(x, axis=1, keepdims=True),
-    ).closest(x)
-    near(by_formula.foot, exact.foot, EXACT)
+    near(ob.Distance(away).closest(x).normal, exact.normal, 1e-9)
+    gradient = ob.Distance(away, lambda x: x / (1 + away(x))[:, None])
+    near(gradient.closest(x).foot, exact.foot, EXACT)
 
 
 @pytest.mark.parametrize("far", [0.0, 1e6, -3e7])
@@ -399,15 +400,12 @@ def test_a_roller_that_rolls_drags_nothing(steps: int) -> None:
 
 def test_the_normal_of_each_step_is_that_of_its_position() -> None:
     """A ball approaches from one side, passes over a node, and leaves."""
-    ball = ob.Sphere([-5, 0, 1], 1.0)
-    passing = ob.Motion([[3, 0, 0], [5, 0, 0], [9, 0, 0]])
-    met = ob.approach(ball, passing, np.array([[0.0, 0, -0.1]]))
-    away = np.array([[5, 0, -1.1], [2, 0, -1.1], [0, 0, -1.1], [-4, 0, -1.1]])
+    ball, way = ob.Sphere([-5, 0, 1], 1.0), np.outer([0, 3, 5, 9], [1, 0, 0])
+    met = ob.approach(ball, ob.Motion(way[1:]), np.array([[0.0, 0, -0.1]]))
+    away = [5, 0, -1.1] - way
     normal = away / np.linalg.norm(away, axis=1, keepdims=True)
     np.testing.assert_allclose(met.normal[:, 0], normal, atol=EXACT)
-    np.testing.assert_allclose(
-        met.drag[:, 0], [[0, 0, 0], [3, 0, 0], [5, 0, 0], [9, 0, 0]]
-    )
+    np.testing.assert_allclose(met.drag[:, 0], way)
     assert np.argmin(met.distance[:, 0]) == 2
 
 
@@ -500,33 +498,28 @@ def knife(dim: int) -> ob.Surface:
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_sheet_of_two_sides_has_no_inside(dim: int) -> None:
     """At the edge the normal points away from it; on the sheet, to the side of a facet."""
-    random = np.random.default_rng(4)
-    low, high = [-1, 0.2, -1.8][-dim:], [1, 1.8, -0.2][-dim:]
+    low, high = [-1, 0.2, -1.8][3 - dim :], [1, 1.8, -0.2][3 - dim :]
     low[0], high[0] = -1, 1
-    x = random.uniform(low, high, (300, dim))
-    sheet = knife(dim)
+    x = np.random.default_rng(4).uniform(low, high, (300, dim))
+    sheet, across, up = knife(dim), np.eye(dim)[0], np.eye(dim)[-1]
     closest = sheet.closest(x)
     near(closest.distance, np.abs(x[:, 0]), EXACT)
     np.testing.assert_allclose(closest.normal[:, 0], np.sign(x[:, 0]), rtol=EXACT)
     # The nearest point is a node, an edge or a facet.
-    middle, end = np.array([0, 1.0, -1])[-dim:], np.array([0, 1.0, 0])[-dim:]
-    middle[0] = end[0] = 0
-    for place in (middle, end):
-        above = place + np.outer([0.5, -0.5, 1e-6, -1e-6], np.eye(dim)[0])
-        closest = sheet.closest(above)
+    end = np.array([0, 1.0, 0] if dim == 3 else [0, 0.0])
+    for place in (end - up, end):
+        closest = sheet.closest(place + np.outer([0.5, -0.5, 1e-6, -1e-6], across))
         np.testing.assert_allclose(closest.distance, [0.5, 0.5, 1e-6, 1e-6], rtol=1e-9)
-    on = sheet.closest(middle[None])
+    on = sheet.closest((end - up)[None])
     assert abs(on.distance[0]) <= EXACT
-    np.testing.assert_allclose(np.abs(on.normal[0]), np.eye(dim)[0], atol=EXACT)
-    rim = sheet.closest(np.array([end, end + 0.3 * np.eye(dim)[-1]]))
+    np.testing.assert_allclose(np.abs(on.normal[0]), across, atol=EXACT)
+    rim = sheet.closest(np.array([end, end + 0.3 * up]))
     np.testing.assert_allclose(rim.distance, [0, 0.3], atol=EXACT)
-    np.testing.assert_allclose(rim.normal, [np.eye(dim)[-1]] * 2, atol=EXACT)
+    np.testing.assert_allclose(rim.normal, [up] * 2, atol=EXACT)
     if dim == 3:
         side = sheet.closest(np.array([[0, 0, -0.5], [0, 0, 0.0]]))
-        root = np.sqrt(0.5)
-        np.testing.assert_allclose(
-            side.normal, [[0, -1, 0], [0, -root, root]], atol=EXACT
-        )
+        wanted = [[0, -1, 0], [0, -np.sqrt(0.5), np.sqrt(0.5)]]
+        np.testing.assert_allclose(side.normal, wanted, atol=EXACT)
 
 
 def stl(folder: Path, x: np.ndarray, faces: Any, binary: bool = True) -> Path:

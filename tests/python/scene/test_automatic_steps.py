@@ -49,56 +49,42 @@ def test_sliding_divides_load_steps() -> None:
 
 
 @pytest.mark.parametrize(
-    "amplitude",
+    ("amplitude", "exact"),
     [
-        Amplitude(table=[0.25, -1.0, 3.0]),
-        Amplitude(wave="ramp"),
-        Amplitude(wave="sine", period=7.0),
+        (
+            Amplitude(table=[0.25, -1.0, 3.0]),
+            lambda t: np.interp(t, [1, 2, 3], [0.25, -1.0, 3.0]),
+        ),
+        (Amplitude(wave="ramp"), lambda t: t / 3),
+        (
+            Amplitude(wave="sine", period=7.0),
+            lambda t: np.sin(2 * np.pi * (t - 1) / 7),
+        ),
     ],
-    ids=str,
+    ids=["table", "ramp", "sine"],
 )
-def test_amplitudes_between_load_steps(amplitude: Amplitude) -> None:
-    ends = evaluate_amplitude(amplitude, np.arange(1.0, 4.0), 3)
-    # A straight line from the unloaded state.
-    first = evaluate_amplitude(amplitude, np.array([0.0, 0.25, 0.5]), 3)
-    np.testing.assert_allclose(first, ends[0] * np.array([0.0, 0.25, 0.5]), rtol=1e-15)
+def test_amplitudes_between_load_steps(amplitude: Amplitude, exact: Any) -> None:
     t = np.linspace(1.0, 3.0, 9)
-    exact = {
-        "ramp": t / 3,
-        "sine": np.sin(2 * np.pi * (t - 1) / 7),
-        None: np.interp(t, [1, 2, 3], ends),
-    }[amplitude.wave]
-    amplitudes = evaluate_amplitude(amplitude, t, 3)
-    np.testing.assert_allclose(amplitudes, exact, rtol=1e-15, atol=1e-15)
+    found = evaluate_amplitude(amplitude, t, 3)
+    np.testing.assert_allclose(found, exact(t), rtol=1e-15, atol=1e-15)
+    # A straight line from the unloaded state.
+    early = np.array([0.0, 0.25, 0.5])
+    first = evaluate_amplitude(amplitude, early, 3)
+    np.testing.assert_allclose(first, found[0] * early, rtol=1e-15)
 
 
 def test_failed_path_reports_the_last_solved_load(tmp_path: Path) -> None:
     """A block pressed by 1 and pulled by 1.2 (t - 1), against friction of 0.5."""
     limit = 0.5 / 1.2
-    (tmp_path / "towed.toml").write_text("""
-[material.soft]
-young = 10.0
-poisson = 0.0
-[body.block]
-material = "soft"
-cell = "quadrilateral"
-x = [0.0, 1.0, 2.0]
-y = [0.0, 1.0]
-[[pressure]]
-on = "block.top"
-value = 1.0
-[[body_force]]
-on = "block"
-x = { value = 1.2, amplitude = "tow" }
-[[contact]]
-on = "block.bottom"
-plane = { point = [0.0, 0.0], normal = [0.0, 1.0] }
-mu = 0.5
-[path]
-parameter = "tow"
-amplitude = { tow = [0.0, 1.0] }
-automatic = { smallest = 1e-4 }
-""")
+    m = bp.Model("towed")
+    m.material("soft", young=10.0, poisson=0.0)
+    kind: Any = {"material": "soft", "cell": "quadrilateral"}
+    m.body("block", x=[0.0, 1.0, 2.0], y=[0.0, 1.0], **kind)
+    m.pressure("block.top", 1.0)
+    m.body_force("block", x=m.times(1.2, "tow"))
+    m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.5)
+    m.path(parameter="tow", tow=[0.0, 1.0], automatic={"smallest": 1e-4})
+    m.to_toml(tmp_path / "towed.toml")
     run = bipot("run", "towed.toml", "--json", cwd=tmp_path)
     assert run.returncode == 1
     *steps, last = map(json.loads, run.stdout.splitlines())
@@ -129,9 +115,8 @@ def test_resumed_to_the_same_files(tmp_path: Path) -> None:
     ],
 )
 def test_mistakes(setting: str, words: str) -> None:
-    with refused("automatic") as caught:
+    with refused(words):
         read("two_blocks", [f"path.automatic={setting}"])
-    assert words in str(caught.value)
 
 
 @pytest.mark.slow

@@ -296,11 +296,8 @@ def test_linear_cells_on_the_same_grid(name: str, n: int) -> None:
     if case.load is not None:
         # Loads on edges are equal; in space the two triangles of a square differ from it.
         np.testing.assert_allclose(linear.load, case.load, atol=1e-12 * case.load.max())
-    # Stiffer than with more functions: more energy for the same displacements. Coarse
-    # meshes differ by 3 to 10 %, with discretisation errors of 10 to 30 %.
+    # Coarse meshes differ by 3 to 10 %, with discretisation errors of 10 to 30 %.
     assert energy(linear, other) == pytest.approx(energy(case, result), rel=0.1)
-    force = [abs(r.reaction[0, :, 0].sum()) for r in (result, other)]
-    assert force[1] == pytest.approx(force[0], rel=0.1)
     counts = [np.bincount(r.status[0], minlength=3) for r in (result, other)]
     # Zones agree except for nodes at their borders.
     assert np.abs(np.subtract(*counts)).max() <= 0.25 * len(case.model.gap)
