@@ -74,15 +74,12 @@ def test_curved_border_of_a_disk() -> None:
     assert not mesh.boundaries
     facets = fem.surface(mesh, normal=(0.0, 1.0), angle=45.0)
     mesh = fem.with_surfaces(mesh, {"all": mesh.boundary_facets(), "up": facets})
-    body = fem.Body("it", mesh, STEEL)
-    sides = len(mesh.boundary_facets())
+    body, sides = fem.Body("it", mesh, STEEL), len(mesh.boundary_facets())
     # Parabolas through arcs of 2π/sides: errors of h⁴ with a constant below 1/10.
     assert abs(body.volume().weights.sum() - np.pi) < 0.1 * (2 * np.pi / sides) ** 4
-    border = body.surface("all")
+    border, up = body.surface("all"), body.surface("up")
     assert border.weights.sum() == pytest.approx(2 * np.pi, rel=1e-3)
-    radial = np.einsum("dpq,dpq->pq", border.places, border.normals)
-    np.testing.assert_allclose(radial, 1.0, atol=1e-2)
-    up = body.surface("up")
+    near(np.einsum("dpq,dpq->pq", border.places, border.normals), 1.0, 1e-2)
     assert 0.0 < up.weights.sum() < np.pi
     assert up.places[1].min() > 0.5
 
@@ -91,18 +88,15 @@ def test_bodies_of_one_file() -> None:
     path = DATA / "two_bodies.msh"
     with refused(r"several kinds, 22 .*'lower' \(triangle\)"):
         fem.read_mesh(path)
-    meshes = fem.read_meshes(path)
-    assert {n: type(m) for n, m in meshes.items()} == {
-        "lower": skfem.MeshTri1,
-        "upper": skfem.MeshQuad1,
-    }
-    assert set(meshes["lower"].boundaries) == {"base", "lower top"}
-    assert set(meshes["upper"].boundaries) == {"load", "upper bottom"}
+    lower, upper = (meshes := fem.read_meshes(path)).values()
+    assert list(meshes) == ["lower", "upper"]
+    assert (type(lower), type(upper)) == (skfem.MeshTri1, skfem.MeshQuad1)
+    assert set(lower.boundaries) == {"base", "lower top"}
+    assert set(upper.boundaries) == {"load", "upper bottom"}
     with refused("no volume 'base'; it has 'lower', 'upper'"):
         fem.read_mesh(path, "base")
-    body = fem.Body("upper", meshes["upper"], STEEL)
     with refused("'upper' has no surface 'base', expected one of load, upper"):
-        body.facets("base")
+        fem.Body("upper", upper, STEEL).facets("base")
 
 
 @pytest.mark.parametrize("bare", ["", "_bare"])
@@ -111,8 +105,7 @@ def test_groups_of_gmsh(form: str, bare: str) -> None:
     """Entities in several groups, reversed in some; one name for lines and for a face."""
     mesh = fem.read_mesh(DATA / f"groups{form}{bare}.msh")
     words = ["base", "side", "round", "left", "all", "base"]
-    if bare:
-        words = [f"physical {k}" for k in range(1, 7)]
+    words = [f"physical {k}" for k in range(1, 7)] if bare else words
     body = fem.Body("it", mesh, STEEL)
     assert set(mesh.boundaries) == set(words[:3])
     assert set(mesh.subdomains) == set(words[3:])
@@ -121,27 +114,24 @@ def test_groups_of_gmsh(form: str, bare: str) -> None:
     exact += [(1, (0.5, 0.5)), (2, (1, 0.5)), (1, (1.5, 0.5))]
     for k, (name, (size, middle)) in enumerate(zip(words, exact, strict=True)):
         points = body.surface(name) if k < 3 else body.volume()
-        cells_of_group = slice(None) if k < 3 else body.volume_cells(name)
-        weights = points.weights[cells_of_group]
+        cells = slice(None) if k < 3 else body.volume_cells(name)
+        weights = points.weights[cells]
         assert weights.sum() == pytest.approx(size, rel=1e-13)
-        centre = (
-            np.einsum("dpq,pq->d", points.places[:, cells_of_group], weights) / size
-        )
-        near(centre, middle, 1e-13)
+        moment = np.einsum("dpq,pq->d", points.places[:, cells], weights)
+        near(moment / size, middle, 1e-13)
 
 
 @pytest.mark.parametrize("name", ["quad8.msh", "tetra.msh", "hexahedron27.msh"])
 def test_a_surface_of_a_file_is_the_section_of_a_bolt(name: str) -> None:
     d, forces = 2 if "quad" in name else 3, []
-    for section, own in ("it.middle", {}), ("it.cut", {"cut": {"x": [1, 1]}}):
+    ends = {"left": [0, 0], "right": [2, 2]}
+    wall = {"point": [2, 0, 0][:d], "normal": [1, 0, 0][:d]}
+    for section, more in (("it.middle", {}), ("it.cut", {"cut": [1, 1]})):
+        surface = {key: {"within": {"x": x}} for key, x in (ends | more).items()}
         m = bp.Model("bar")
         m.material("steel", young=2.1e5, poisson=0.3)
-        ends = {"left": {"x": [0, 0]}, "right": {"x": [2, 2]}, **own}
-        surface = {key: {"within": within} for key, within in ends.items()}
-        mesh = str(DATA / name)
-        m.body("it", material="steel", mesh=mesh, surface=surface)
+        m.body("it", material="steel", mesh=str(DATA / name), surface=surface)
         m.support("it.left", **dict.fromkeys("xyz"[:d], 0))
-        wall = {"point": [2, 0, 0][:d], "normal": [1, 0, 0][:d]}
         m.contact("it.right", plane=wall, mu=0.3)
         m.bolt(section, force=40.0, step=[1, 1])
         m.path(steps=1)
@@ -158,19 +148,15 @@ def test_groups_of_med(name: str, tmp_path: Path) -> None:
     kind, cells = vtk_cells(body)
     whole, facets = np.arange(len(cells)), body.mesh.facets.T[body.facets("base")]
     corners = {2: "line", 3: "triangle", 4: "quad"}[facets.shape[1]]
-    sets = {
-        "left": [body.volume_cells("left"), []],
-        "all": [whole, []],
-        "base": [[], np.arange(len(facets))],
-    }
+    sets = {"left": [body.volume_cells("left"), []], "all": [whole, []]}
+    sets["base"] = [[], np.arange(len(facets))]
     blocks = [(kind, cells), (corners, facets)]
-    mesh = meshlane.Mesh(body.points, blocks, cell_sets=sets)
-    mesh.write(tmp_path / "it.med")
+    meshlane.Mesh(body.points, blocks, cell_sets=sets).write(tmp_path / "it.med")
     back = fem.Body("it", fem.read_mesh(tmp_path / "it.med"), STEEL)
     assert set(back.mesh.subdomains) == {"left", "all"}
-    for volume in ("left", "all"):
+    for volume, size in (("left", 1.0), ("all", 2.0)):
         own = back.volume().weights[back.volume_cells(volume)].sum()
-        assert own == pytest.approx(2.0 if volume == "all" else 1.0, rel=1e-13)
+        assert own == pytest.approx(size, rel=1e-13)
     assert back.surface("base").weights.sum() == pytest.approx(2.0, rel=1e-13)
     left = fem.read_mesh(tmp_path / "it.med", "left")
     assert left.p[0].max() == pytest.approx(1.0)
@@ -187,19 +173,18 @@ def test_vtu(name: str, tmp_path: Path) -> None:
     """A mesh written by the package is read as the same mesh, with cell data as names."""
     body = fem.Body("it", fem.read_mesh(DATA / name), STEEL)
     kind, cells = vtk_cells(body)
-    tag = np.full(len(cells), 3)
-    tag[body.volume_cells("right")] = 8
+    tag, right = np.full(len(cells), 3), body.volume_cells("right")
+    tag[right] = 8
     points = np.zeros((len(body.points), 3))
     points[:, : body.dim] = body.points
     path = vtu(tmp_path / "it.vtu", points, [(kind, cells)], tag=tag)
     mesh = fem.read_mesh(path)
     assert type(mesh) is type(body.mesh)
     assert set(mesh.subdomains) == {"tag 3", "tag 8"}
+    np.testing.assert_array_equal(mesh.subdomains["tag 8"], right)
     back = fem.Body("it", mesh, STEEL)
-    np.testing.assert_array_equal(
-        back.points[back.cells].mean(axis=1), body.points[body.cells].mean(axis=1)
-    )
-    np.testing.assert_array_equal(mesh.subdomains["tag 8"], body.volume_cells("right"))
+    ours, theirs = (b.points[b.cells].mean(axis=1) for b in (body, back))
+    np.testing.assert_array_equal(theirs, ours)
 
 
 INP = """*HEADING
@@ -392,20 +377,15 @@ def test_one_name_in_part_and_assembly(tmp_path: Path) -> None:
 def test_files_without_a_mesh(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"none\.msh does not exist"):
         fem.read_mesh(tmp_path / "none.msh")
-    (tmp_path / "mesh.stl").write_text("solid")
     with refused(r"suffix \.stl, expected one of \.msh, \.inp"):
-        fem.read_mesh(tmp_path / "mesh.stl")
+        fem.read_mesh(written(tmp_path / "mesh.stl", "solid"))
     (tmp_path / "dir.msh").mkdir()
     with pytest.raises(OSError, match=r"dir\.msh"):
         fem.read_mesh(tmp_path / "dir.msh")
-    for suffix in ("msh", "inp", "vtu"):
-        path = tmp_path / f"empty.{suffix}"
-        path.write_bytes(b"")
-        with refused("is empty"):
-            fem.read_mesh(path)
-        path.write_bytes(b"hello\n" * 3)
-        with refused(path.name):
-            fem.read_mesh(path)
+    for path in (tmp_path / f"empty.{suffix}" for suffix in ("msh", "inp", "vtu")):
+        for text, message in (("", "is empty"), ("hello\n" * 3, path.name)):
+            with refused(message):
+                fem.read_mesh(written(path, text))
 
 
 @pytest.mark.parametrize("name", ["tetra.msh", "quad.msh", "quad9.msh", "quad8.msh"])
@@ -460,15 +440,14 @@ def test_vtu_refuses(tmp_path: Path) -> None:
 
 
 def test_cells_that_share_corners_but_not_the_middle(tmp_path: Path) -> None:
-    points = [(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)]
-    points += [(1, 0.5), (0.5, 1), (0.5, 0.5)]
+    x = [(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0), (0.5, 0.5), (0, 0.5), (1, 0.5)]
+    points = np.pad([*x, (0.5, 1), (0.5, 0.5)], ((0, 0), (0, 1)))
     cells = np.array([[0, 1, 2, 4, 5, 6], [1, 3, 2, 7, 8, 9]])
-    path = vtu(tmp_path / "it.vtu", [(*p, 0.0) for p in points], [("triangle6", cells)])
+    path = tmp_path / "it.vtu"
     with refused(r"between two corners, at \(0\.5, 0\.5\)"):
-        fem.read_mesh(path)
+        fem.read_mesh(vtu(path, points, [("triangle6", cells)]))
     cells[1, 5] = 5
-    mesh = fem.read_mesh(vtu(path, [(*p, 0.0) for p in points], [("triangle6", cells)]))
-    assert mesh.p.shape == (2, 9)
+    assert fem.read_mesh(vtu(path, points, [("triangle6", cells)])).p.shape == (2, 9)
 
 
 def test_surface_by_geometry() -> None:
