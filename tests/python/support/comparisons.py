@@ -1,11 +1,14 @@
 """Arrays close to each other, refused calls, results and files of the same content."""
 
+import pickle
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+
+import bipot_rs as bp
 
 # Every field of a step except times. `work` counts the inverse of W in the step that makes
 # it, and a failed step may have made it.
@@ -43,6 +46,33 @@ def bits(one: Any, other: Any, fields: tuple[str, ...] = FIELDS) -> bool:
         for a, b in zip(one, other, strict=True)
         for name in fields
     )
+
+
+def solve_in_parts(
+    problem: bp.ContactProblem,
+    folder: Path,
+    fields: tuple[str, ...] = FIELDS,
+    **path: Any,
+) -> bp.Result:
+    """The path, which has the same bits in two parts: from a result, a file, in a copy of the
+    problem, and beside another path.
+    """
+    whole = problem.solve(**path)
+    whole.save(folder / "whole.h5")
+    again = pickle.loads(pickle.dumps(problem))
+    for k in range(1, len(whole)):
+        rest = {name: x[k:] for name, x in path.items()}
+        for made, results in (
+            (problem, whole),
+            (again, bp.load_result(folder / "whole.h5")),
+        ):
+            start = results[k - 1]
+            assert bits(made.solve(**rest, start=start), whole[k:], fields)
+        first = {name: x[:k] for name, x in path.items()}
+        one, other = problem.solve_many([first, rest | {"start": start}])
+        assert bits(one, whole[:k], fields)
+        assert bits(other, whole[k:], fields)
+    return whole
 
 
 def content(path: Path) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from support.comparisons import FIELDS, bits
+from support.comparisons import FIELDS, solve_in_parts
 
 Array = NDArray[np.float64]
 STIFFNESS, MU, COHESION = 1e3, 0.3, 4.0
@@ -182,27 +182,14 @@ def paths(**more: Any) -> Iterator[tuple[bp.ContactProblem, Array]]:
 
 
 def test_a_continued_path_has_the_bits_of_the_whole(tmp_path: Path) -> None:
-    """Also beside another path."""
     for problem, loads in paths(engine="direct"):
-        whole = problem.solve(loads)
-        assert whole.broken.any()
         fields = (*FIELDS, "broken", "dilation")
-        for k in range(1, len(loads)):
-            first = problem.solve(loads[:k])
-            first.save(tmp_path / "first.h5")
-            for start in (first, first[-1], bp.load_result(tmp_path / "first.h5")):
-                rest = problem.solve(loads[k:], start=start)
-                assert bits(rest, whole[k:], fields)
-            cases = [{"load": loads[:k]}, {"load": loads[k:], "start": first}]
-            again, rest = problem.solve_many(cases)
-            assert bits(again, first, fields)
-            assert bits(rest, whole[k:], fields)
-            names = "reaction", "relative_displacement", "broken", "dilation"
-            state = bp.State(**{name: getattr(first[-1], name) for name in names})
-            rest = problem.solve(loads[k:], start=state, tol=TOL)
-            assert np.allclose(
-                rest.reaction, problem.solve(loads, tol=TOL).reaction[k:], atol=1e-9
-            )
+        whole = solve_in_parts(problem, tmp_path, fields, load=loads)
+        assert whole.broken.any()
+        names = "reaction", "relative_displacement", "broken", "dilation"
+        state = bp.State(**{name: getattr(whole[1], name) for name in names})
+        rest = problem.solve(loads[2:], start=state, tol=TOL).reaction
+        assert np.allclose(rest, problem.solve(loads, tol=TOL).reaction[2:], atol=1e-9)
 
 
 def test_adaptive_steps_go_back_to_the_contacts_that_were_whole() -> None:

@@ -19,7 +19,7 @@ from bipot_rs.contact.wear.cycle import Stability
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import assemble
 from bipot_rs.scene.reading import read
-from support.comparisons import refused
+from support.comparisons import near, refused
 from support.two_blocks import arrays
 from support.worn import COEFFICIENT, PULL, TOL, pad, random_pad, spring, worn_pad
 
@@ -195,9 +195,7 @@ def test_a_start_presses_without_wear() -> None:
         * COEFFICIENT
         * (path.traction[:, :, 0] * abs(path.slip[:, :, 0])).sum(axis=0)
     )
-    np.testing.assert_allclose(
-        start_cycle.worn[0], worn, rtol=0, atol=1e-6 * worn.max()
-    )
+    near(start_cycle.worn[0], worn, 1e-6 * worn.max())
 
 
 def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -466,12 +464,7 @@ def test_other_engines_and_arguments_of_the_problem() -> None:
         wear = other.wear(**loads, **arguments, tol=1e-12)
         assert wear.cycle.tolist() == expected_wear.cycle.tolist()
         # Reactions of both engines agree to 1e-9.
-        np.testing.assert_allclose(
-            wear.depth,
-            expected_wear.depth,
-            rtol=0,
-            atol=1e-8 * expected_wear.depth.max(),
-        )
+        near(wear.depth, expected_wear.depth, 1e-8 * expected_wear.depth.max())
 
 
 def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
