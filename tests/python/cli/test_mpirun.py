@@ -116,40 +116,30 @@ ROLLING = MOVING.replace(
     "plane = { point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }",
     "sphere = { centre = [2.0, 1.5, -5000.0], radius = 5000.0 }",
 )
-# A hub on a shaft that overlaps it, both bodies of revolution.
-SHRUNK = """
-[material.steel]
-young = 210000.0
-poisson = 0.3
-[body.shaft]
-material = "steel"
-plane = "axisymmetric"
-cell = "quadrilateral"
-x = { from = 0.0, to = 2.0, cells = 4 }
-y = { from = -1.0, to = 4.0, cells = 10 }
-[body.hub]
-material = "steel"
-plane = "axisymmetric"
-cell = "quadrilateral"
-x = { from = 2.0, to = 4.0, cells = 5 }
-y = { from = 0.0, to = 3.0, cells = 7 }
-[[contact]]
-on = "hub.left"
-against = "shaft.right"
-pairing = "mortar"
-mu = 0.15
-clearance = -0.002
-[[support]]
-on = "shaft.bottom"
-y = 0.0
-[[traction]]
-on = "hub.top"
-y = { value = 12.0, amplitude = "pull" }
-[path]
-parameter = "pull"
-[path.amplitude]
-pull = [0.0, 1.0]
-"""
+
+
+def shrunk() -> str:
+    """A hub on a shaft that overlaps it, both bodies of revolution."""
+    m = bp.Model()
+    m.material("steel", young=210e3, poisson=0.3)
+    for name, x, y in (
+        ("shaft", (0.0, 2.0, 4), (-1.0, 4.0, 10)),
+        ("hub", (2.0, 4.0, 5), (0.0, 3.0, 7)),
+    ):
+        sides = {
+            axis: dict(zip(("from", "to", "cells"), side, strict=True))
+            for axis, side in (("x", x), ("y", y))
+        }
+        kind = {"plane": "axisymmetric", "cell": "quadrilateral"}
+        m.body(name, material="steel", **kind, **sides)
+    pair = {"against": "shaft.right", "pairing": "mortar"}
+    m.contact("hub.left", **pair, mu=0.15, clearance=-0.002)
+    m.support("shaft.bottom", y=0.0)
+    m.traction("hub.top", y=m.times(12.0, "pull"))
+    m.path(parameter="pull", pull=[0.0, 1.0])
+    return m.to_toml()
+
+
 SCENES = {
     "block": CUBES + SHEARED + ON_A_PLANE,
     "tetrahedra": BOX.format(cell="tetrahedron", order=1) + SHEARED + ON_A_PLANE,
@@ -162,7 +152,7 @@ SCENES = {
     + '[[pressure]]\non = "block.top"\nvalue = 20.0\n'
     + '[[body_force]]\non = "block"\nz = -1.0\n'
     + '[[strain]]\non = "block"\nexpansion = 1e-5\ntemperature = 10.0\n',
-    "axisymmetric": SHRUNK,
+    "axisymmetric": shrunk(),
     # Nodes of an edge have two contacts.
     "shared nodes": CUBES
     + SHEARED
