@@ -267,7 +267,7 @@ def draw_path(seed: int) -> tuple[Array, Array, dict[str, Array], Array]:
 
 def test_contacts_break_and_lift_as_of_a_contact_problem() -> None:
     seen = np.zeros(3, np.int64)
-    for seed in range(20):
+    for seed in range(12):
         K, B, law, load = draw_path(seed)
         result = bp.ContactProblem(K, B, **law).solve(load, tol=1e-14)
         steps = Structure([K], (), Contacts(B, **law)).solve(load, tol=1e-13)
@@ -290,13 +290,13 @@ def test_contacts_break_and_lift_as_of_a_contact_problem() -> None:
             assert step.gap_contact <= 1e-14
         if other.broken is not None:
             seen[1:] += other.broken.sum(), (~other.broken).sum()
-    assert (seen > 6).all()
+    assert (seen > 3).all()
 
 
 @pytest.mark.parametrize("increments", [True, False])
 def test_excess_of_steps_that_break_and_lift(increments: bool) -> None:
     """(28) of solved steps of a contact problem, with the cohesion and gaps of each."""
-    for seed in range(30):
+    for seed in range(12):
         K, B, law, load = draw_path(seed)
         problem = bp.ContactProblem(K, B, **law)
         result, structure = problem.solve(load, tol=1e-14), of_problem(problem, K)
@@ -461,7 +461,7 @@ def bear_footing(mu: float, unit: float, length: float) -> float:
     return limits.upper / (unit * length)
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.05, 0.1, 0.2, 0.3, 10.0])
+@pytest.mark.parametrize("mu", [0.0, 0.1, 0.3, 10.0])
 def test_limits_beside_a_dead_load_on_its_limit(mu: float) -> None:
     """The ground bears its weight, and contacts nothing: no reaction is inside its cone."""
     reference = bear_footing(mu, 1.0, 1.0)

@@ -99,36 +99,26 @@ def test_a_step_that_did_not_converge() -> None:
     assert rows(str(solution))["unique"].startswith("no solution")
 
 
-def test_a_problem_in_six_lines() -> None:
-    problem = two(fixed=[3])
-    assert repr(problem) == (
-        "ContactProblem(4 degrees of freedom, 2 contacts in the plane)"
-    )
-    told = str(problem)
-    assert len(told.splitlines()) == 6
-    row_of = rows(told)
-    assert "1 prescribed" in row_of["bodies"]
-    assert row_of["gap"] == "0"
-    assert row_of["friction"] == "mu = 0.5"
-    entries = problem.stats["nnz_factor"]
-    assert re.search(rf"\({entries} entr", row_of["memory"])
-
-
-def test_a_reduced_problem() -> None:
+def test_problems_name_their_numbers() -> None:
     dense = bp.ReducedProblem(np.eye(4), [[-1.0, 0.0], [2.0, 0.0]], [0.0, 0.3])
+    rigid, W = (np.eye(3)[:, :1], [0.0]), sparse.csr_array(np.eye(3))
+    kept = bp.ReducedProblem(W, [[-1.0, 0, 0]], 0.3, rigid=rigid)
     assert repr(dense) == "ReducedProblem(2 contacts in the plane)"
-    row_of = rows(str(dense))
-    assert row_of["W"] == "4 x 4, dense, 128 B"
-    assert row_of["q"] == "from -1 to 2, negative at 1 contact"
-    assert row_of["friction"] == "mu from 0 to 0.3, 1 contact without friction"
-    assert row_of["rigid motions"].startswith("none")
-    kept = bp.ReducedProblem(
-        sparse.csr_array(np.eye(3)),
-        [[-1.0, 0, 0]],
-        0.3,
-        rigid=(np.eye(3)[:, :1], [0.0]),
-    )
-    assert rows(str(kept))["W"] == "3 x 3, sparse, 3 entries"
+    for problem, expected in (
+        (two(fixed=[3]), {"gap": "0", "friction": "mu = 0.5"}),
+        (
+            dense,
+            {
+                "W": "4 x 4, dense, 128 B",
+                "q": "from -1 to 2, negative at 1 contact",
+                "friction": "mu from 0 to 0.3, 1 contact without friction",
+            },
+        ),
+        (kept, {"W": "3 x 3, sparse, 3 entries"}),
+    ):
+        assert expected.items() <= rows(str(problem)).items()
+        assert len(str(problem).splitlines()) <= 6
+    assert rows(str(dense))["rigid motions"].startswith("none")
     assert rows(str(kept))["rigid motions"].startswith("1 motion ")
 
 
