@@ -99,28 +99,20 @@ def test_the_gaps_of_each_step_contain_the_wear_of_the_steps_before() -> None:
     np.testing.assert_allclose(gaps, gap_at_start + before, rtol=0, atol=1e-17)
 
 
-@pytest.mark.parametrize("problem", ["spring", "sliding"])
-@pytest.mark.quick_variants("spring")
-def test_jumps_have_second_order(problem: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def solved(over: int | None) -> np.ndarray:
+def test_jumps_have_second_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    def solved(over: int) -> np.ndarray:
         def length(run: Any) -> int:
             # The first cycles differ by the history of the loads.
-            if over is None or run._state.cycle < 6:
+            if run._state.cycle < 6:
                 return 0
             return int(min(over, run._end - run._state.cycle - 1))
 
         monkeypatch.setattr(jumps.CycleSolver, "_choose_jump", length)
-        if problem == "spring":
-            wear = spring().wear(PULL, coefficient=2.5e-8, cycles=262, rtol=0.9)
-        else:
-            flat, cycle = sliding()
-            wear = flat.wear(
-                prescribed=cycle, coefficient=2e-6, cycles=262, rtol=0.9, tol=TOL
-            )
+        wear = spring().wear(PULL, coefficient=2.5e-8, cycles=262, rtol=0.9)
         assert wear.rejected == 0
         return np.asarray(wear.depth[-1])
 
-    exact = solved(None)
+    exact = solved(0)
     # 256 cycles in jumps with the cycle after each. A linear rate makes the error of a jump
     # over N cycles N (N + 1) (N - 1) / 6 times its second derivative: N (N - 1) for each of
     # the N + 1 cycles.
@@ -134,8 +126,7 @@ def test_jumps_have_second_order(problem: str, monkeypatch: pytest.MonkeyPatch) 
 def test_results_do_not_depend_on_units() -> None:
     # Powers of two: nothing is rounded.
     length, force = 2.0**10, 2.0**-7
-    _, _, cycle = pad()
-    body, problem, _ = pad()
+    body, problem, cycle = pad()
     scaled = bp.ContactProblem(
         body.K * (force / length),
         body.B,
@@ -144,12 +135,10 @@ def test_results_do_not_depend_on_units() -> None:
         fixed=problem.stiffness.options.fixed,
         area=body.area * length,
     )
-    k = COEFFICIENT
-    wear = worn_pad(coefficient=k, cycles=40)
+    wear = worn_pad(cycles=40)
     # Stress in the plane is force / length, of unit thickness.
-    other = scaled.wear(
-        prescribed=cycle * length, coefficient=k * length / force, cycles=40, tol=TOL
-    )
+    k = COEFFICIENT * length / force
+    other = scaled.wear(prescribed=cycle * length, coefficient=k, cycles=40, tol=TOL)
     assert [(j.cycles, j.accepted) for j in other.jumps] == [
         (j.cycles, j.accepted) for j in wear.jumps
     ]
@@ -181,21 +170,12 @@ def test_wear_continues_with_jumps() -> None:
 def test_a_start_presses_without_wear() -> None:
     _, problem, cycle = pad()
     pressed = problem.solve(prescribed=cycle[1:2], tol=TOL)
-    start_cycle = problem.wear(
-        prescribed=cycle,
-        coefficient=1e-6 * COEFFICIENT,
-        cycles=1,
-        start=pressed,
-        tol=TOL,
-    )
+    little = 1e-6 * COEFFICIENT
+    wear = worn_pad(coefficient=little, cycles=1, start=pressed)
     # So little wear changes nothing: the plain path from the same state.
     path = problem.solve(prescribed=cycle, start=pressed, tol=TOL)
-    worn = (
-        1e-6
-        * COEFFICIENT
-        * (path.traction[:, :, 0] * abs(path.slip[:, :, 0])).sum(axis=0)
-    )
-    near(start_cycle.worn[0], worn, 1e-6 * worn.max())
+    worn = little * (path.traction[:, :, 0] * abs(path.slip[:, :, 0])).sum(axis=0)
+    near(wear.worn[0], worn, 1e-6 * worn.max())
 
 
 def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -337,7 +317,7 @@ def test_a_pad_wears_by_its_approach_at_most(coefficient: float, jump: bool) -> 
     _, flat, cycle = pad(n=5, curve=0.0)
     m = cycle.shape[1] // 2
     cycle = np.repeat([[0.1, -0.005], [-0.1, -0.005]], m, axis=1)
-    wear = flat.wear(prescribed=cycle, coefficient=coefficient, cycles=20, jump=jump)
+    wear = flat.wear(prescribed=cycle, coefficient=coefficient, cycles=12, jump=jump)
     # The edges are pressed by the shear of the pad too, by at most a hundredth.
     assert wear.depth.max() <= 1.01 * 0.005
     assert wear.depth[-1].min() >= 0.9 * 0.005
@@ -448,23 +428,24 @@ def test_friction_by_direction_and_three_dimensions(two: bool) -> None:
 
 def test_other_engines_and_arguments_of_the_problem() -> None:
     body, problem, cycle = pad(3, 3)
-    arguments = {"coefficient": 1e-4, "cycles": 6}
-    expected_wear = problem.wear(prescribed=cycle, **arguments, tol=TOL)
-    gap, fixed = problem.contacts.gap, problem.stiffness.options.fixed
-    arguments_of_contacts = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
-    nothing = np.zeros(body.K.shape[0])
-    for more, loads in (
-        ({"engine": "iterative"}, {"prescribed": cycle}),
-        ({"working_set": True}, {"prescribed": cycle}),
-        ({"loads": (nothing, cycle)}, {}),
-        ({"gaps": np.tile(gap, (4, 1))}, {"prescribed": cycle}),
-        ({}, {"prescribed": cycle, "gap": gap[None]}),
+    gap, arguments = problem.contacts.gap, {"coefficient": 1e-4, "cycles": 6}
+    expected = problem.wear(prescribed=cycle, **arguments, tol=TOL)
+    given = {"K": body.K, "B": body.B, "gap": gap, "mu": 0.3, "area": body.area}
+    given["fixed"] = problem.stiffness.options.fixed
+    loads = np.zeros(body.K.shape[0]), cycle
+    moved = {"prescribed": cycle}
+    for more, path in (
+        ({"engine": "iterative"}, moved),
+        ({"working_set": True}, moved),
+        ({"loads": loads}, {}),
+        ({"gaps": np.tile(gap, (4, 1))}, moved),
+        ({}, moved | {"gap": gap[None]}),
     ):
-        other = bp.ContactProblem(body.K, body.B, **arguments_of_contacts, **more)
-        wear = other.wear(**loads, **arguments, tol=1e-12)
-        assert wear.cycle.tolist() == expected_wear.cycle.tolist()
+        other = bp.ContactProblem(**given | more)
+        wear = other.wear(**path, **arguments, tol=1e-12)
+        assert wear.cycle.tolist() == expected.cycle.tolist()
         # Reactions of both engines agree to 1e-9.
-        near(wear.depth, expected_wear.depth, 1e-8 * expected_wear.depth.max())
+        near(wear.depth, expected.depth, 1e-8 * expected.depth.max())
 
 
 def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
