@@ -8,8 +8,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import bipot_rs as bp
@@ -54,38 +52,31 @@ def test_converged_solutions_satisfy_the_law(kind: str, d: int, method: str) -> 
     assert claims >= (12 if method == "auto" else 6)
 
 
-@settings(max_examples=150, derandomize=True)
-@given(
-    kind=st.sampled_from(KINDS),
-    d=st.sampled_from([2, 3]),
-    seed=st.integers(0, 10**6),
-    method=st.sampled_from(METHODS),
-    friction=st.floats(0, 8),
-    digits=st.floats(3, 12),
-    start=st.one_of(st.none(), st.floats(-6, 6)),
-)
 @pytest.mark.slow
-def test_converged_from_any_start_to_any_tolerance(
-    kind: str,
-    d: int,
-    seed: int,
-    method: str,
-    friction: float,
-    digits: float,
-    start: float | None,
-) -> None:
-    made = random_problem(kind, d, seed)
-    assume(made.rigid is None or method not in NEED_SUPPORTS)
-    problem = made._replace(mu=made.mu * 10**friction)
-    rng = np.random.default_rng(seed)
-    at = None if start is None else rng.normal(size=made.q.shape) * 10**start
-    solution = problem.problem().solve(
-        method, 10**-digits, max_iterations=400, start=at
-    )
-    if solution.converged:
-        missed = judged(problem, solution.reaction, solution.rigid_motion)
-        allowed = FACTOR * (1 + problem.mu.max()) * solution.tolerance
-        assert missed.worst <= min(allowed, 30 * FACTOR * solution.tolerance), missed
+def test_converged_from_any_start_to_any_tolerance() -> None:
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        kind, d, method = (
+            rng.choice(KINDS),
+            int(rng.integers(2, 4)),
+            rng.choice(METHODS),
+        )
+        made = random_problem(kind, d, int(rng.integers(10**6)))
+        if made.rigid is not None and method in NEED_SUPPORTS:
+            continue
+        problem = made._replace(mu=made.mu * 10 ** rng.uniform(0, 8))
+        start = rng.normal(size=made.q.shape) * 10 ** rng.uniform(-6, 6)
+        solution = problem.problem().solve(
+            method,
+            10 ** -rng.uniform(3, 12),
+            max_iterations=400,
+            start=start if rng.random() < 0.5 else None,
+        )
+        if solution.converged:
+            missed = judged(problem, solution.reaction, solution.rigid_motion)
+            allowed = FACTOR * (1 + problem.mu.max()) * solution.tolerance
+            allowed = min(allowed, 30 * FACTOR * solution.tolerance)
+            assert missed.worst <= allowed, (seed, missed)
 
 
 @pytest.mark.parametrize("method", METHODS)
