@@ -79,30 +79,29 @@ def test_displacement_around_the_crack() -> None:
     shear = crack.YOUNG / (2 * (1 + crack.NU))
     moduli = (crack.YOUNG * crack.NU / (1 + crack.NU) / (1 - 2 * crack.NU), shear)
     along = np.linspace(-0.8, 0.8, 9)
-    above, below = ([along, side * 1e-9 + 0 * along] for side in (1, -1))
-    jump = crack.exact_displacement(np.transpose(above) @ crack.TURN.T)
-    jump -= crack.exact_displacement(np.transpose(below) @ crack.TURN.T)
+
+    def beside(off: float) -> Array:
+        return np.stack([along, off + 0 * along], axis=1) @ crack.TURN.T
+
+    jump = crack.exact_displacement(beside(1e-9))
+    jump -= crack.exact_displacement(beside(-1e-9))
     slip = np.outer(crack.exact_slip(along), crack.TURN[:, 0])
     # 1e-9 m off the faces, the displacement differs by strain times this distance.
     near(jump, slip, 1e-11)
-
     # Over 0.2 m the fields vary by themselves: differences of step 1e-3 leave 1e-3² of it.
     x = np.random.default_rng(3).uniform(-2, 2, (40, 2))
     x = x[np.abs(x @ crack.TURN[:, 1]) > 0.2]
     residual = imbalance(crack.exact_displacement, x, 1e-3, moduli)
     assert np.abs(residual).max() < 1e-3 * crack.SIGMA
-
     # Tractions on both faces: 1e-5 m off them they differ by some 1e-5.
     for side in (1e-5, -1e-5):
-        beside = np.stack([along, side + 0 * along], axis=1) @ crack.TURN.T
-        turned = stress(crack.exact_displacement, beside, 1e-6, moduli)
+        turned = stress(crack.exact_displacement, beside(side), 1e-6, moduli)
         faces = crack.TURN.T @ turned @ crack.TURN
         np.testing.assert_allclose(faces[:, 1, 1], -crack.PRESSURE, rtol=1e-3)
         np.testing.assert_allclose(faces[:, 0, 1], crack.MU * crack.PRESSURE, rtol=1e-3)
     far = stress(crack.exact_displacement, np.array([[3e4, 2e4]]), 1.0, moduli)[0]
     # The crack's own stress decays like the square of the distance.
-    expected = np.diag([-crack.SIGMA, 0.0])
-    near(far, expected, 1e-6 * crack.SIGMA)
+    near(far, np.diag([-crack.SIGMA, 0.0]), 1e-6 * crack.SIGMA)
 
 
 MODULI = (reservoir.LAME, reservoir.SHEAR)

@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from bipot_rs import scene
-from bipot_rs.scene.library import shipped, text
+from bipot_rs.scene.library import text
 from bipot_rs.scene.schema.messages import MESSAGES
 from bipot_rs.scene.schema.root import Scene
 
@@ -76,11 +76,6 @@ WRONG: list[Any] = [
 ]
 
 
-def tables() -> dict[str, dict[str, Any]]:
-    tables_by_name = {name: tomllib.loads(text(name)) for name in shipped()}
-    return tables_by_name | {"whole": tomllib.loads(WHOLE)}
-
-
 def changed(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """The table with each of its values replaced by each wrong one, and with a key more."""
 
@@ -115,7 +110,7 @@ def messages(table: dict[str, Any]) -> list[str]:
 @pytest.mark.quick_variants("pressed_block")
 def test_no_message_is_one_of_pydantic(name: str) -> None:
     kinds = set()
-    for table in changed(tables()[name]):
+    for table in changed(tomllib.loads(WHOLE if name == "whole" else text(name))):
         try:
             Scene.model_validate(table)
         except ValidationError as error:
@@ -136,15 +131,17 @@ def test_no_message_is_one_of_pydantic(name: str) -> None:
 
 
 def test_key_and_kind_of_each_mistake() -> None:
-    table = tomllib.loads(text("pressed_block"))
-    del table["material"]["metal"]["poisson"]
-    table["material"]["metal"]["poissn"] = 0.3
+    def kinds(table: dict[str, Any]) -> list[tuple[str, Any]]:
+        with pytest.raises(scene.SceneError) as raised:
+            scene.check("it", table)
+        return [(m.key, m.kind) for m in raised.value.mistakes]
+
+    table, kind = tomllib.loads(text("pressed_block")), scene.MistakeKind
+    metal = table["material"]["metal"]
+    metal["poissn"] = metal.pop("poisson")
     table["contact"][0]["plane"]["point"] = [0.0]
     table["mesh"]["n"] = 2.5
-    with pytest.raises(scene.SceneError) as raised:
-        scene.check("it", table)
-    kind = scene.MistakeKind
-    assert [(m.key, m.kind) for m in raised.value.mistakes] == [
+    assert kinds(table) == [
         ("mesh.n", kind.INTEGER),
         ("material.metal.poisson", kind.MISSING_KEY),
         ("material.metal.poissn", kind.UNKNOWN_KEY),
@@ -152,8 +149,4 @@ def test_key_and_kind_of_each_mistake() -> None:
     ]
     table = tomllib.loads(text("pressed_block"))
     table["contact"][0]["on"] = "block.under"
-    with pytest.raises(scene.SceneError) as raised:
-        scene.check("it", table)
-    assert {(m.key, m.kind) for m in raised.value.mistakes} >= {
-        ("contact.0.on", kind.NAME),
-    }
+    assert ("contact.0.on", kind.NAME) in kinds(table)
