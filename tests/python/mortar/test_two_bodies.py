@@ -301,36 +301,28 @@ def test_spheres() -> None:
     force = 4 / 3 * E_STAR * np.sqrt(radius) * delta**1.5
     a, _, p0 = analytic.hertz_sphere(force, radius, E_STAR)
     assert a == pytest.approx(np.sqrt(2))
+    pair = fem.Contact(
+        "upper",
+        "bottom",
+        0.0,
+        against=("lower", "top"),
+        pairing="mortar",
+        clearance=lambda x: np.sum(x[:, :2] ** 2, axis=1) / (2 * radius),
+        within={0: (0, 1.5 * a), 1: (0, 1.5 * a)},
+    )
+    free = {"left": (0,), "front": (1,)} | dict.fromkeys(("right", "back"), (0, 1, 2))
+    supports = [
+        fem.Support(name, side, parts)
+        for name, end in (("upper", "top"), ("lower", "bottom"))
+        for side, parts in (free | {end: (0, 1, 2)}).items()
+    ]
     errors = []
     for h in (0.4, 0.2):
-        bodies = [
-            body(
-                name,
-                [a * grid(k, 1.4, far)] * 2 + [sign * a * grid(k, 0.6, far)],
-                1.0,
-                NU,
-            )
-            for name, k, sign in (("upper", h, 1), ("lower", 1.3 * h, -1))
-        ]
-        contact = fem.Contact(
-            "upper",
-            "bottom",
-            0.0,
-            against=("lower", "top"),
-            pairing="mortar",
-            clearance=lambda x: np.sum(x[:, :2] ** 2, axis=1) / (2 * radius),
-            within={0: (0, 1.5 * a), 1: (0, 1.5 * a)},
-        )
-        supports = [
-            fem.Support(name, side, parts)
-            for name, end in (("upper", "top"), ("lower", "bottom"))
-            for side, parts in (
-                ("left", [0]),
-                ("front", [1]),
-                *((s, [0, 1, 2]) for s in ("right", "back", end)),
-            )
-        ]
-        model = fem.assemble(bodies, [contact], supports)
+        bodies = []
+        for name, k, sign in (("upper", h, 1), ("lower", 1.3 * h, -1)):
+            flat, up = a * grid(k, 1.4, far), sign * a * grid(k, 0.6, far)
+            bodies.append(body(name, [flat, flat, up], 1.0, NU))
+        model = fem.assemble(bodies, [pair], supports)
         side = np.where(np.arange(len(model.nodes)) < model.offset[1] // 3, 1.0, -1.0)
         x = model.nodes * np.column_stack([side**2, side**2, side])
         field = boussinesq(x, force, 1.0, NU) - [0, 0, delta / 2]
@@ -354,7 +346,9 @@ def test_contacts_of_all_kinds_in_one_model() -> None:
     bodies = [block("up", "hexahedron", 3), block("low", "tetrahedron", 2)]
     pair = fem.Contact("up", "bottom", 0.3, against=("low", "top"), pairing="mortar")
     ground = fem.Contact("low", "bottom", 0.2, plane=([0, 0, -1.5], [0, 0, 1]))
-    both, first = fem.assemble(bodies, [ground, pair]), fem.assemble(bodies, [pair])
+    both, first = (
+        fem.assemble(bodies, contacts) for contacts in ([ground, pair], [pair])
+    )
     count = len(both.gap) - len(first.gap)
     np.testing.assert_array_equal(both.gap[:count], 0.5)
     np.testing.assert_array_equal(both.gap[count:], first.gap)

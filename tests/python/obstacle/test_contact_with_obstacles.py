@@ -79,13 +79,11 @@ def test_a_plane_by_either_name() -> None:
 
 def test_gaps_under_a_ball_are_its_parabola_near_by() -> None:
     """Along the axis the distance is r²/2R, up to fourth order in r/R."""
-    ball = ob.Sphere([0, 0, 2.0], 2.0)
-    errors = []
+    ball, errors = ob.Sphere([0, 0, 2.0], 2.0), []
     for size in (1.0, 0.5, 0.25):
-        body = slab(4, 3, unit=size)
-        model = fem.assemble([body], [fem.Contact("slab", "top", 0.0, obstacle=ball)])
-        x = model.points[:, :2]
-        errors.append(np.abs(model.gap - (x**2).sum(axis=1) / 4).max())
+        model = fem.assemble([slab(4, 3, unit=size)], [top(0.0, ball)])
+        exact = (model.points[:, :2] ** 2).sum(axis=1) / 4
+        errors.append(np.abs(model.gap - exact).max())
         # From the obstacle towards the body: downwards, and outwards at the sides.
         towards = model.points - [0, 0, 2.0]
         towards /= np.linalg.norm(towards, axis=1)[:, None]
@@ -164,23 +162,21 @@ def test_a_torus_in_a_scene_turns_about_its_own_centre() -> None:
     m = bp.Model("ring")
     m.path(press=[0.5, 1.0])
     m.material("soft", young=E, poisson=NU)
-    grid = {"from": -1.0, "to": 1.0, "cells": 10}
-    m.body("block", material="soft", cell="hexahedron", x=grid, y=grid, z=[-1, -0.5, 0])
+    side = {"from": -1.0, "to": 1.0, "cells": 10}
+    axes: Any = {"x": side, "y": side, "z": [-1, -0.5, 0]}
+    m.body("block", material="soft", cell="hexahedron", **axes)
     m.support("block.bottom", x=0, y=0, z=0)
     shape = {"axis": [0, 0, 2], "major_radius": 0.6, "minor_radius": 0.25}
-    m.obstacle(
-        "ring",
-        torus={"centre": [0, 0, 0.25], **shape},
-        move={"z": m.times(-0.02, "press")},
-        turn={"angle": m.times(0.1, "press"), "axis": [0, 0, 1]},
-    )
+    move = {"z": m.times(-0.02, "press")}
+    turn = {"angle": m.times(0.1, "press"), "axis": [0, 0, 1]}
+    m.obstacle("ring", torus={"centre": [0, 0, 0.25], **shape}, move=move, turn=turn)
     m.contact("block.top", against="ring", mu=0.2)
     result = m.solve()
-    model = m.assemble().model
+    model = result.case.model
     force = forces(model, result)[-1]
     assert force[:, 2].sum() < 0
     pressed = result.reaction[-1][:, 0] > 0
-    rho = np.hypot(model.points[pressed, 0], model.points[pressed, 1])
+    rho = np.hypot(*model.points[pressed, :2].T)
     # Where the ring is inside the block: 2 · 0.02 · 0.25 = (ρ - 0.6)², to first order.
     assert (np.abs(rho - 0.6) < 0.11).all()
     # A quarter turn does not change the scene, so forces balance and friction has a
@@ -257,27 +253,22 @@ def test_a_roller_drags_the_sticking_nodes() -> None:
 
 @pytest.mark.parametrize("unit", [1.0, 1e3, 1e-6])
 def test_turned_and_in_other_units_it_is_the_same(unit: float) -> None:
-    c, s = np.cos(0.7), np.sin(0.7)
-    Q = np.array([[c, -s], [s, c]])
+    Q = Rotation.from_rotvec([0, 0, 0.7]).as_matrix()[:2, :2]
+    ways = np.array([[0, -0.01], [0.002, -0.02], [0.004, -0.015]])
 
     def run(turn: np.ndarray, unit: float) -> tuple[np.ndarray, bp.Result]:
-        roller = ob.Cylinder(unit * turn @ [0.05, 1.0], unit)
+        centre = unit * turn @ [0.05, 1.0]
+        motion = ob.Motion(unit * (ways @ turn.T), [0.0, 0.01, 0.0], about=centre)
         wall = ob.Plane(unit * turn @ [0.49, 0], turn @ [-1, -0.5])
-        motion = ob.Motion(
-            unit * (np.array([[0, -0.01], [0.002, -0.02], [0.004, -0.015]]) @ turn.T),
-            [0.0, 0.01, 0.0],
-            about=unit * turn @ [0.05, 1.0],
-        )
         contacts = [
-            fem.Contact("slab", "top", 0.3, obstacle=roller, motion=motion),
+            top(0.3, ob.Cylinder(centre, unit), motion=motion),
             fem.Contact("slab", "right", 0.2, obstacle=wall),
         ]
         model, problem = held(slab(8, turn=turn, unit=unit), contacts)
         result = problem.solve(gap=model.gaps(3), tol=TOL)
         return forces(model, result) @ turn, result
 
-    plain, first = run(np.eye(2), 1.0)
-    other, second = run(Q, unit)
+    (plain, first), (other, second) = run(np.eye(2), 1.0), run(Q, unit)
     assert np.array_equal(first.status, second.status)
     close(other, plain, SAME)
 
