@@ -35,6 +35,7 @@ def loaded(n: int) -> tuple[Soil, Structure, Array]:
     return wall, Structure([], [wall], None, np.concatenate(planes)), force
 
 
+@cache
 def errors(n: int, steps: int = 1) -> Array:
     """Relative errors of the displacement inside and of the radial stress, in L²."""
     wall, structure, force = loaded(n)

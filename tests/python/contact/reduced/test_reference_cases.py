@@ -15,7 +15,7 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import analytic
 from support.bars import BAR, bar_problem, pulled
-from support.bodies import block, uniform_shear
+from support.bodies import block
 from support.conditions import violation
 from support.contacts import K1, SMALL, TOL, one_node
 from support.methods import EVERY_WAY
@@ -71,32 +71,6 @@ def test_one_contact_by_hand(name: str, how: dict[str, str]) -> None:
     if name == "h26 a step of nothing":
         np.testing.assert_allclose(result.slip[1:], 0, atol=SMALL)
     assert status is None or result.status[-1, 0] == status
-
-
-@pytest.mark.parametrize("engine", ["direct", "iterative"])
-@pytest.mark.parametrize("ratio", [0.0, 0.999])
-def test_a1_sheared_patch_in_the_plane(ratio: float, engine: str) -> None:
-    young, pressure, mu = 10.0, 2.0, 0.35
-    shear = ratio * mu * pressure
-    body = block((3, 1), (6, 4), young, 0.0)
-    result: Any = bp.solve(
-        body.K,
-        body.B,
-        uniform_shear(body, pressure, [shear]),
-        gap=body.gap,
-        mu=mu,
-        area=body.area,
-        tol=TOL,
-        coordinates=body.basis.doflocs.T,
-        engine=engine,
-    )
-    # Held by contact alone. The error is η times the condition of the block, about 1e2.
-    np.testing.assert_allclose(result.traction[0, :, 0], pressure, rtol=1e-9)
-    np.testing.assert_allclose(result.traction[0, :, 1], -shear, atol=1e-9 * pressure)
-    assert np.all(result.status[0] == STICK)
-    u = result.displacement[0][body.basis.nodal_dofs]
-    exact = analytic.sheared_patch(body.basis.mesh.p[1], pressure, shear, young)
-    np.testing.assert_allclose(u, exact, atol=1e-9 * pressure / young)
 
 
 def test_a6_smallest_force_that_holds() -> None:
