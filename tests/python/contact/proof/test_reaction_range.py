@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -131,32 +130,19 @@ def test_a_wedge(mu: float) -> None:
     assert interval.determined == (mu == 0)
 
 
-def vertices(
-    problem: bp.ReducedProblem, H: Array, contact: int, component: int, mu: float
-) -> tuple[float, float]:
-    """Extremes over the vertices of all balanced sticking reactions, by enumeration."""
-    r = problem.solve(tol=1e-13).reaction
-    n = r.size
-    sides = np.zeros((n, n))
-    for i in range(n // 2):
-        sides[2 * i, 2 * i : 2 * i + 2] = mu, 1
-        sides[2 * i + 1, 2 * i : 2 * i + 2] = mu, -1
-    balance = H.T[np.linalg.norm(H.T, axis=1) > 0]
-    rank = np.linalg.matrix_rank(balance)
-    values = []
-    for chosen in combinations(range(n), n - rank):
-        A = np.vstack([balance, sides[list(chosen)]])
-        if np.linalg.matrix_rank(A) < n:
-            continue
-        b = np.concatenate([balance @ r.ravel(), np.zeros(n - rank)])
-        x = np.linalg.lstsq(A, b, rcond=None)[0]
-        if (sides @ x).min() >= -1e-10 * np.abs(x).max():
-            values.append(x[2 * contact + component])
-    return min(values), max(values)
+def polyhedral(r: Array, H: Array, cost: int, rays: Array) -> Array:
+    """Extremes over balanced reactions in cones of these rays ``(m, d)``."""
+    contacts, (m, d) = len(r), rays.shape
+    whole = np.zeros((contacts, d, contacts * m))
+    for i in range(contacts):
+        whole[i, :, i * m : (i + 1) * m] = rays.T
+    whole = whole.reshape(-1, contacts * m)
+    balance = {"A_eq": H.T @ whole, "b_eq": H.T @ r.ravel()}
+    return np.array([s * linprog(s * whole[cost], **balance).fun for s in (1, -1)])
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_vertices_of_random_bodies_in_the_plane(seed: int) -> None:
+def test_random_bodies_in_the_plane(seed: int) -> None:
     """Three contacts on the lower half of a body: bounded, because they all push up."""
     rng = np.random.default_rng(seed)
     angles = np.pi / 2 + rng.uniform(-0.3, 0.3, 3)
@@ -171,30 +157,14 @@ def test_vertices_of_random_bodies_in_the_plane(seed: int) -> None:
     assert np.abs(v).max() <= 1e-12  # all stick
     for component in (0, 1):
         for interval in problem.reaction_ranges(component, solution=solution):
-            ends = vertices(problem, H, interval.contact, component, mu)
+            cost = 2 * interval.contact + component
+            ends = polyhedral(solution.reaction, H, cost, np.array([[1, mu], [1, -mu]]))
+            # The tolerance of HiGHS.
             np.testing.assert_allclose(
-                [interval.least, interval.largest], ends, atol=1e-11
+                [interval.least, interval.largest], ends, atol=1e-8
             )
             assert interval.gap <= 1e-12
             passes(problem, interval, v)
-
-
-def polyhedral(r: Array, H: Array, cost: int, radius: Array) -> tuple[float, float]:
-    """Extremes over balanced reactions in regular pyramids with this radius of the edges."""
-    sides = 2 * np.pi * np.arange(128) / 128
-    rays = np.array(
-        [[1.0, mu * np.cos(a), mu * np.sin(a)] for mu in radius[:1] for a in sides]
-    )
-    contacts = len(r)
-    whole = np.zeros((contacts, 3, contacts * len(rays)))
-    for i in range(contacts):
-        whole[i, :, i * len(rays) : (i + 1) * len(rays)] = rays.T
-    whole = whole.reshape(-1, contacts * len(rays))
-    ends = []
-    for sign in (1, -1):
-        optimum = linprog(sign * whole[cost], A_eq=H.T @ whole, b_eq=H.T @ r.ravel())
-        ends.append(sign * optimum.fun)
-    return ends[0], ends[1]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -215,14 +185,16 @@ def test_between_polyhedral_cones_in_space(seed: int) -> None:
     solution = problem.solve(tol=1e-13)
     v = solution.relative_displacement
     assert np.abs(v).max() <= 1e-12  # all stick
+    turn = 2 * np.pi * np.arange(128) / 128
+    circle = np.column_stack([np.ones(128), np.cos(turn), np.sin(turn)])
     for component in (0, 1):
         interval = problem.reaction_range(1, component, solution=solution)
         assert interval.gap <= SPACE * np.abs(solution.reaction).max()
         passes(problem, interval, v)
         cost = 3 + component
-        inner = polyhedral(solution.reaction, H, cost, np.array([mu]))
-        outer = polyhedral(
-            solution.reaction, H, cost, np.array([mu / np.cos(np.pi / 128)])
+        inner, outer = (
+            polyhedral(solution.reaction, H, cost, circle * [1, wide, wide])
+            for wide in (mu, mu / np.cos(np.pi / 128))
         )
         # The tolerance of HiGHS, and nothing of ours.
         slack = 1e-8

