@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 import bipot_rs as bp
 from bipot_rs import fem
 from support.twice import Array, Pair, add, exactly, product, two_product, two_sum
-
-Ints = NDArray[np.int64]
 
 STEEL = 2.1e5, 0.3, 7.7e-5
 """Young's modulus [N/mm²], Poisson's ratio, weight [N/mm³]."""
@@ -31,11 +28,15 @@ def times(a: Pair, b: Pair) -> Pair:
     return two_sum(high, low + (a[0] * b[1] + a[1] * b[0]))
 
 
+def less(a: Pair, b: Pair) -> Pair:
+    """Difference of two pairs."""
+    return add(a, (-b[0], -b[1]))
+
+
 def over(a: Pair, b: Pair) -> Pair:
     """Quotient of two pairs, by one Newton step from the quotient of doubles."""
     first = a[0] / b[0]
-    back = times(exactly(first), b)
-    rest = add(a, (-back[0], -back[1]))
+    rest = less(a, times(exactly(first), b))
     return two_sum(first, rest[0] / b[0])
 
 
@@ -51,64 +52,43 @@ class Band:
         row, col, value = P.row[below], P.col[below], P.data[below]
         w = int((row - col).max(initial=0))
         # Entry (j + k, j) is at [j, k]; w empty columns follow the last one.
-        high = np.zeros((n + w, w + 1))
-        high[col, row - col] = value
-        low = np.zeros_like(high)
+        self.pairs = np.zeros((2, n + w, w + 1))
+        self.pairs[0, col, row - col] = value
+        flat = self.pairs.reshape(2, -1)
         a, b = np.tril_indices(w)
         # (j + 1 + a, j + 1 + b) is at [j + 1 + b, a - b].
-        flat_high, flat_low = high.ravel(), low.ravel()
         offset = (1 + b) * (w + 1) + a - b
         for j in range(n):
-            pivot = high[j, :1], low[j, :1]
-            if not pivot[0][0] > 0:
-                raise ArithmeticError(f"pivot {pivot[0][0]} at {j}")
-            column = high[j, 1:].copy(), low[j, 1:].copy()
-            ratio = over(column, pivot)
-            high[j, 1:], low[j, 1:] = ratio
-            change = times((ratio[0][a], ratio[1][a]), (column[0][b], column[1][b]))
+            pivot = self.pairs[:, j, :1]
+            if not pivot[0, 0] > 0:
+                raise ArithmeticError(f"pivot {pivot[0, 0]} at {j}")
+            column = self.pairs[:, j, 1:].copy()
+            ratio = np.array(over(column, pivot))
+            self.pairs[:, j, 1:] = ratio
             at = j * (w + 1) + offset
-            made = add((flat_high[at], flat_low[at]), (-change[0], -change[1]))
-            flat_high[at], flat_low[at] = made
-        self.high, self.low, self.n, self.w = high, low, n, w
+            flat[:, at] = less(flat[:, at], times(ratio[:, a], column[:, b]))
+        self.n, self.w = n, w
 
     def solve(self, b: Pair) -> Pair:
         """`K⁻¹ b` for one column."""
-        n, w = self.n, self.w
-        x = [np.concatenate([part[self.order], np.zeros(w)]) for part in b]
+        n, w, L = self.n, self.w, self.pairs
+        x = np.zeros((2, n + w))
+        x[:, :n] = np.array(b)[:, self.order]
         for j in range(n):
-            solved_entry = x[0][j : j + 1], x[1][j : j + 1]
-            change = times((self.high[j, 1:], self.low[j, 1:]), solved_entry)
             behind = slice(j + 1, j + 1 + w)
-            x[0][behind], x[1][behind] = add(
-                (x[0][behind], x[1][behind]), (-change[0], -change[1])
-            )
-        x[0][:n], x[1][:n] = over(
-            (x[0][:n], x[1][:n]), (self.high[:n, 0], self.low[:n, 0])
-        )
-        for j in range(n - 1, -1, -1):
-            behind = slice(j + 1, j + 1 + w)
-            parts = times(
-                (self.high[j, 1:], self.low[j, 1:]), (x[0][behind], x[1][behind])
-            )
-            while len(parts[0]) > 1:
-                half = len(parts[0]) // 2
-                paired = add(
-                    (parts[0][:half], parts[1][:half]),
-                    (parts[0][half : 2 * half], parts[1][half : 2 * half]),
-                )
-                odd = slice(2 * half, None)
-                parts = (
-                    np.concatenate([paired[0], parts[0][odd]]),
-                    np.concatenate([paired[1], parts[1][odd]]),
-                )
-            solved_entry = slice(j, j + 1)
+            x[:, behind] = less(x[:, behind], times(L[:, j, 1:], x[:, j : j + 1]))
+        x[:, :n] = over(x[:, :n], L[:, :n, 0])
+        for j in reversed(range(n)):
+            terms = np.array(times(L[:, j, 1:], x[:, j + 1 : j + 1 + w]))
+            while terms.shape[1] > 1:
+                half = terms.shape[1] // 2
+                paired = add(terms[:, :half], terms[:, half : 2 * half])
+                terms = np.concatenate([paired, terms[:, 2 * half :]], axis=1)
             if w:
-                x[0][solved_entry], x[1][solved_entry] = add(
-                    (x[0][solved_entry], x[1][solved_entry]), (-parts[0], -parts[1])
-                )
-        out = np.zeros(n), np.zeros(n)
-        out[0][self.order], out[1][self.order] = x[0][:n], x[1][:n]
-        return out
+                x[:, j : j + 1] = less(x[:, j : j + 1], terms)
+        out = np.zeros((2, n))
+        out[:, self.order] = x[:, :n]
+        return out[0], out[1]
 
 
 @dataclass
@@ -152,7 +132,7 @@ def known(model: fem.Assembly, load: Array, result: bp.Result) -> Reference:
     free = np.flatnonzero(~pinned)
     K = sparse.csr_array(model.K)
     pushed = product(K, exactly(value[:, None]))
-    right = add(exactly(load), (-pushed[0][:, 0], -pushed[1][:, 0]))
+    right = less(exactly(load), (pushed[0][:, 0], pushed[1][:, 0]))
     inside = Band(K[free][:, free]).solve((right[0][free], right[1][free]))
     u = value.copy(), np.zeros(n)
     u[0][free], u[1][free] = inside
@@ -217,16 +197,12 @@ def floor(body: fem.Body, mu: float) -> fem.Contact:
 
 def weight(model: fem.Assembly) -> Array:
     """Weight of steel, downwards."""
-    down = np.zeros(model.dim)
-    down[-1] = -STEEL[2]
-    return model.body_force("strip", down)
+    return model.body_force("strip", -STEEL[2] * np.eye(model.dim)[-1])
 
 
 def lifted(model: fem.Assembly, traction: float) -> Array:
     """An upward traction on the right end."""
-    up = np.zeros(model.dim)
-    up[-1] = traction
-    return model.traction("strip", "right", up)
+    return model.traction("strip", "right", traction * np.eye(model.dim)[-1])
 
 
 def problem(model: fem.Assembly, coordinates: bool) -> bp.ContactProblem:
