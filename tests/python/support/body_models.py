@@ -24,12 +24,19 @@ def on_a_ball() -> bp.Model:
     return m
 
 
+def _under_a_table(mu: float, height: float = 0.0, *, held: bool = False) -> bp.Model:
+    """A block whose top may touch a rigid plane."""
+    m = block(4, 3)
+    m = m if held else m.with_(support=[])
+    normal = [0.0, 0.0, -1.0]
+    m.obstacle("table", plane={"point": [0.0, 0.0, height], "normal": normal})
+    m.contact("block.top", against="table", mu=mu)
+    return m
+
+
 def floating() -> bp.Model:
     """A block that nothing but contact and symmetry holds."""
-    m = block(4, 3)
-    m = m.with_(support=[])
-    m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
-    m.contact("block.top", against="table", mu=0.5)
+    m = _under_a_table(0.5)
     m.pressure("block.bottom", m.times(3.0, "press"))
     m.traction("block.bottom", x=m.times(0.4, "shear"))
     m.path(press=[1.0, 1.0], shear=[0.3, 1.0])
@@ -44,9 +51,7 @@ def on_springs() -> bp.Model:
 
 def warmed() -> bp.Model:
     """An initial strain presses the block onto the plane."""
-    m = block(4, 3)
-    m.obstacle("table", plane={"point": [0.0, 0.0, 0.001], "normal": [0.0, 0.0, -1.0]})
-    m.contact("block.top", against="table", mu=0.3)
+    m = _under_a_table(0.3, 0.001, held=True)
     m.strain("block", expansion=1e-4, temperature=m.times(100.0, "warm"))
     m.path(warm=[0.5, 1.0])
     return m
@@ -54,23 +59,17 @@ def warmed() -> bp.Model:
 
 def inclined() -> bp.Model:
     """A block held by rollers on an inclined side."""
-    m = block(4, 3)
-    m = m.with_(support=[])
+    m = _under_a_table(0.3)
     m.support("block.bottom", x=0.0, y=0.0, z=m.times(0.02, "press"))
     m.support("block.left", normal=[1.0, 0.0, 0.5], value=0.0)
-    m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
-    m.contact("block.top", against="table", mu=0.3)
     m.path(press=[0.5, 1.0])
     return m
 
 
 def sliding_freely() -> bp.Model:
     """A block that is pressed onto a plane without friction, free to slide along x."""
-    m = block(4, 3)
-    m = m.with_(support=[])
+    m = _under_a_table(0.0)
     m.support("block.bottom", y=0.0, z=m.times(0.02, "press"))
-    m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
-    m.contact("block.top", against="table", mu=0.0)
     m.path(press=[0.5, 1.0])
     return m
 
