@@ -59,8 +59,8 @@ def test_no_relations_change_nothing() -> None:
     assert tied.load(f) is f
 
 
-def test_an_inclined_plane_elsewhere_and_a_rigid_set() -> None:
-    """The same model, rotated, has the rotated solution; not with the plane in the set."""
+def test_an_inclined_plane_and_a_rigid_set() -> None:
+    """The same model, rotated, has the rotated solution, also of a set on the plane."""
     turn, plain = np.array([[0.8, -0.6], [0.6, 0.8]]), box("quadrilateral")
 
     def made(Q: Floats, side: str) -> fem.Assembly:
@@ -72,17 +72,16 @@ def test_an_inclined_plane_elsewhere_and_a_rigid_set() -> None:
             remotes=[Remote("grip", "it", side)],
         )
 
-    def solved(Q: Floats) -> Floats:
-        model = made(Q, "right")
+    def solved(Q: Floats, side: str) -> Floats:
+        model = made(Q, side)
         f = model.reference_force("grip", Q @ np.array([1.0, 0.5]), [0.2])
         u = model.problem().solve(f).displacement[0]
         assert model.prescribed([[0.0, 0.0]]).shape == model.fixed.shape
         return u[: model.nodes.size].reshape(-1, 2) @ Q
 
     # Rounding times the condition of a small elastic body, 1e3.
-    close(solved(turn), solved(np.eye(2)), 1e-12)
-    with refused("on an inclined plane of symmetry and in a rigid"):
-        made(turn, "top")
+    for side in ("right", "top"):
+        close(solved(turn, side), solved(np.eye(2), side), 1e-12)
 
 
 def test_prescribed_values_that_contradict_a_relation() -> None:
@@ -93,5 +92,5 @@ def test_prescribed_values_that_contradict_a_relation() -> None:
     )
     model = fem.assemble([body], [], [held], remotes=[grip])
     model.prescribed([[0.0, 0.1]], {"grip": [0.0, 0.1, 0.0]})
-    with refused(r"contradict a rigid set.* by 0\.3: prescribe"):
+    with refused(r"contradict .*a rigid set.* by 0\.3: prescribe"):
         model.prescribed([[0.0, 0.1]], {"grip": [0.0, 0.4, 0.0]})

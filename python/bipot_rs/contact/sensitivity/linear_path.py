@@ -46,12 +46,6 @@ class LinearPath:
         *,
         iterative: bool = True,
     ) -> None:
-        tied = model.held is not None and model.held.dependent.size
-        if tied and model.latches is None:
-            raise ValueError(
-                "the model has a rigid set, a cyclic symmetry or a periodicity: "
-                "derivatives of its results are not available; use differences of results"
-            )
         self.model, self.steps = model, steps
         self.mu: Floats = np.asarray(contacts["mu"])
         self.shape = steps[0].reaction.shape

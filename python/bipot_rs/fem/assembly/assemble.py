@@ -119,18 +119,18 @@ def assemble(
     inclined = make_planes(oblique, fixed, nodes)
     if inclined is not None:
         frame_of_rows, met = met.frame, _turn_tangents(met, contacts, inclined)
-        bare = turn_operator(met.frame, frame_of_rows, B)
-        B = inclined.relative(bare)
+        B = turn_operator(met.frame, frame_of_rows, B)
     points_of, relations = make_references(numbered, contacts, remotes, shanks)
     relations += [cut.relations() for cut in cuts]
+    relations += [] if inclined is None else [inclined.relations]
     ties = None
     if points_of or relations:
-        bare = B if bare is None else bare
+        bare = B
         n += dim * sum(point.nodes for point in points_of)
         B.resize((B.shape[0], n))
         B = (B + obstacle_columns(contacts, met.group, met.frame, points_of, n)).tocsr()
         fixed = np.concatenate([fixed, *(point.fixed for point in points_of)])
-        ties = make_ties(relations, fixed, with_points(nodes, points_of), inclined)
+        ties = make_ties(relations, fixed, with_points(nodes, points_of))
         refuse_held_bolts(points_of, ties)
         B, fixed = ties.relative(B), ties.fixed
     path = gaps_of_steps(meetings, contacts, met.frame, inclined is not None)
@@ -138,7 +138,7 @@ def assemble(
     free[fixed] = 0.0
     # The shortening of a bolt is prescribed in some load steps only.
     free[[point.first for point in points_of if point.kind == "bolt"]] = 1.0
-    whole = B if ties is not None or bare is None else bare
+    whole = B if inclined is None or bare is None else bare
     stuck = _without_slip(B, whole, free, met.frame, path)
     for numbers in (met.mu, met.cohesion, met.dilatancy):
         numbers[stuck] = 0.0

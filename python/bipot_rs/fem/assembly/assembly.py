@@ -139,17 +139,16 @@ class Assembly:
     moving : (steps, n_c, d), bipot_rs.MovingGaps or None
         Gaps of each load step, if obstacles move; see `gaps`.
     inclined : bipot_rs.fem.constraints.inclined_supports.Planes or None
-        Planes of symmetry that are not normal to an axis. K, B, the loads made here and
-        `problem` include them. A `ContactProblem` made directly needs
-        ``inclined.within @ f`` as the load instead of f.
+        Planes of symmetry that are not normal to an axis, which `ties` contain.
     remotes : tuple of Remote
         As passed to `assemble`.
     references : tuple of bipot_rs.fem.constraints.references.Reference
         Floating obstacles, rigid sets and bolts: their degrees of freedom follow those of
         the nodes.
     ties : bipot_rs.fem.constraints.ties.Ties or None
-        Relations of rigid sets, repetitions and bolts. K, B, the loads made here and `problem`
-        include them.
+        Relations of inclined planes of symmetry, rigid sets, repetitions and bolts. K, B, the
+        loads made here and `problem` include them. A `ContactProblem` made directly needs
+        ``ties.load(f)`` as the load instead of f.
     images : tuple of bipot_rs.fem.constraints.repetition.Images
         The nodes of the cuts of cyclic symmetries and periodicities.
     """
@@ -216,16 +215,15 @@ class Assembly:
     def with_stiffness(self) -> Assembly:
         """The same with K."""
         if self.ties is None:
-            K = system_stiffness(self.numbered, self.springs, self.inclined)
-            return replace(self, K=K)
+            return replace(self, K=system_stiffness(self.numbered, self.springs))
         rigid = {point.whole for point in self.references if point.whole is not None}
-        whole = system_stiffness(self.numbered, self.springs, None, rigid=rigid)
+        whole = system_stiffness(self.numbered, self.springs, rigid=rigid)
         K = self.ties.stiffness(whole)
         return replace(self, K=K, _loss=self.ties.measure_loss(whole, K))
 
     def reads_parts(self, engine: str, steps: int | None) -> bool:
         """Whether `problem` can do without K: the iterative engine reads it in parts."""
-        if self.dim == 2 or self.ties is not None or self.references or self.inclined:
+        if self.dim == 2 or self.ties is not None:
             return False
         free, contacts = self.n - len(self.fixed), len(self.gap)
         name, _ = choose_engine(engine, self.dim, free, contacts, steps, available())
@@ -270,9 +268,7 @@ class Assembly:
         rigid = {point.whole for point in self.references if point.whole is not None}
 
         def read(wanted: Ints) -> CsrMatrix:
-            return system_stiffness(
-                self.numbered, self.springs, self.inclined, wanted, rigid
-            )
+            return system_stiffness(self.numbered, self.springs, wanted, rigid)
 
         if self.ties is None:
             return read(nodes)
@@ -450,7 +446,7 @@ class Assembly:
                 gaps=self.moving,
                 on_forecast=on_forecast,
                 engine=engine,
-                _held=self.inclined if self.ties is None else self.ties,
+                _held=self.ties,
                 _steps=steps,
                 _kinematics=self.find_kinematics(),
                 _latches=self.find_latches(),
@@ -675,9 +671,7 @@ class Assembly:
 
     def _within_constraints(self, forces: Floats) -> Floats:
         """Forces without the part that inclined supports and ties take."""
-        if self.ties is not None:
-            return self.ties.load(forces)
-        return forces if self.inclined is None else self.inclined.within @ forces
+        return forces if self.ties is None else self.ties.load(forces)
 
     def traction(self, body: str, surface: str, value: Field) -> Floats:
         """Consistent nodal forces ``(n,)`` of a surface traction.
@@ -800,7 +794,5 @@ class Assembly:
         at[list(known_points)] = list(known_points.values())
         if self.ties is not None:
             at[self.ties.dependent] = 0.0
-        held = self.inclined if self.ties is None else self.ties
-        if held is not None:
-            held.prescribed(at[self.fixed])
+            self.ties.prescribed(at[self.fixed])
         return at[self.fixed]

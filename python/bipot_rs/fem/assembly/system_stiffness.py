@@ -1,4 +1,4 @@
-"""Stiffness of all bodies with springs and inclined supports: whole, or rows of it."""
+"""Stiffness of all bodies with springs: whole, or rows of it."""
 
 from __future__ import annotations
 
@@ -11,19 +11,17 @@ from bipot_rs._lib.types import CsrMatrix, Ints
 from bipot_rs.fem.bodies.body import NumberedBodies
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
 from bipot_rs.fem.bodies.elasticity import dofs_of, stiffness
-from bipot_rs.fem.constraints.inclined_supports import Planes
 
 
 def system_stiffness(
     bodies: NumberedBodies,
     springs: Sequence[Spring],
-    inclined: Planes | None,
     nodes: Ints | None = None,
     rigid: Collection[str] = (),
 ) -> CsrMatrix:
     """K of (1), CSR ``(n, n)``, block diagonal and bitwise symmetric; or some of its rows.
 
-    ``bodies, springs, inclined``: as in `Assembly`.
+    ``bodies, springs``: as in `Assembly`.
     ``nodes``: ascending numbers of nodes, counted body after body ``(m,)``: the result has
     their rows, ``(d m, n)``, with the bits of the whole K. The default is all nodes.
     ``rigid``: names of bodies that move as rigid ones, which only springs resist. Their own
@@ -47,10 +45,7 @@ def system_stiffness(
                 rows = slice(None) if wanted is None else dofs_of(wanted, dim)
                 block = block + added[rows]
         blocks.append(block)
-    K = _stacked(blocks)
-    if inclined is None:
-        return K
-    return inclined.stiffness(K, None if nodes is None else dofs_of(nodes, dim))
+    return _stacked(blocks)
 
 
 def _stacked(blocks: Sequence[CsrMatrix]) -> CsrMatrix:

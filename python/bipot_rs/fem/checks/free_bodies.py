@@ -98,8 +98,6 @@ def list_unsupported(model: Assembly) -> list[str]:
 def list_supports(model: Assembly, modes: Floats) -> list[Floats]:
     """Displacements of supports and forces of springs by rigid motions, as rows."""
     rows = [modes[_list_prescribed(model)]]
-    if model.inclined is not None:
-        rows.append(np.asarray(model.inclined.normals.T @ modes[: model.nodes.size]))
     if model.ties is not None:
         dependent = model.ties.dependent
         rows.append(modes[dependent] - model.ties.within[dependent] @ modes)

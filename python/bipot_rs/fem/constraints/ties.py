@@ -23,12 +23,11 @@ from scipy import sparse
 from bipot_rs._lib.matrices import diagonal_matrix
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
-from bipot_rs.fem.constraints.inclined_supports import Planes, restrict_rows
 from bipot_rs.fem.tuning import PREFERRED
 
 # Coefficients below this, relative to their relation, are rounding: mesh files give
-# coordinates with seven digits.
-_SAME = 1e-5
+# coordinates and unit normals with seven digits.
+SAME = 1e-5
 # Coefficients of T below this are rounding of double precision.
 _GONE = 1e-14
 # Sums below this part of the sum of their terms are rounding.
@@ -58,9 +57,6 @@ class Ties:
     fixed: Ints = field(repr=False)
     # (nodes, d): positions of all nodes and reference nodes [m].
     nodes: Floats = field(repr=False)
-    # Planes of symmetry that are not normal to an axis, or None. They contain no dependent
-    # degree of freedom.
-    planes: Planes | None = field(default=None, repr=False)
 
     def stiffness(self, K: CsrMatrix) -> CsrMatrix:
         """``Tᵀ K T``, bitwise symmetric if K is.
@@ -68,11 +64,6 @@ class Ties:
         K ``(n, n)``, or without the rows of the reference nodes, which have no stiffness.
         """
         stiffness: CsrMatrix = sparse.csr_array(K)
-        if self.planes is not None:
-            size = self.planes.nodes.size
-            stiffness = sparse.csr_array(
-                self.planes.stiffness(stiffness[:size][:, :size])
-            )
         stiffness.resize((self.nodes.size, self.nodes.size))
         if not self.dependent.size:
             return stiffness
@@ -139,40 +130,41 @@ class Ties:
         return np.asarray(shared[np.diff(real.indptr) == 0], np.int64)
 
     def relative(self, B: CsrMatrix) -> CsrMatrix:
-        """``B T``, with entries set to zero that are rounding relative to the row of B."""
-        return restrict_rows(B, self.within)[0]
+        """``B T``, with entries set to zero that are rounding relative to the row of B.
+
+        A direction that the relations block must be exactly zero: W would take its rounding
+        for a compliance.
+        """
+        rows: CsrMatrix = sparse.csr_array(B @ self.within)
+        largest = abs(B).max(axis=1).toarray().ravel()
+        left = abs(rows).max(axis=1).toarray().ravel()
+        rounding = np.where(left <= SAME * largest, left, _GONE * largest)
+        rows.data[np.abs(rows.data) <= np.repeat(rounding, np.diff(rows.indptr))] = 0.0
+        rows.eliminate_zeros()
+        rows.sort_indices()
+        return rows
 
     def load(self, force: Floats) -> Floats:
-        """``Tᵀ f``, without the reactions of the planes; unchanged if both change nothing."""
-        reduced_load = force
-        if self.planes is not None:
-            size = self.planes.nodes.size
-            load_of_planes = self.planes.load(reduced_load[:size])
-            if not np.array_equal(load_of_planes, reduced_load[:size]):
-                reduced_load = np.concatenate([load_of_planes, reduced_load[size:]])
-        if not reduced_load[self.dependent].any():
-            return reduced_load
-        return np.asarray(self.within.T @ reduced_load, np.float64)
+        """``Tᵀ f``; unchanged if no force acts on a dependent degree of freedom."""
+        if not force[self.dependent].any():
+            return force
+        return np.asarray(self.within.T @ force, np.float64)
 
     def prescribed(self, values: Floats) -> None:
         """Refuse displacements ``(fixed,)`` that contradict the relations."""
-        if self.planes is not None:
-            self.planes.prescribed(values[np.isin(self.fixed, self.planes.fixed)])
         moved = np.zeros(self.nodes.size)
         moved[self.fixed] = values
         off = np.abs(self.given @ moved)
-        wrong = off > _SAME * (abs(self.given) @ np.abs(moved))
+        wrong = off > SAME * (abs(self.given) @ np.abs(moved))
         if wrong.any():
             row, dim = int(np.argmax(wrong)), self.nodes.shape[1]
             dof = int(self.given.indices[self.given.indptr[row]])
             raise ValueError(
-                f"the displacements that supports prescribe near {self._place(dof // dim)} "
-                f"contradict a rigid set, a cyclic symmetry or the section of a bolt by "
-                f"{off[row]:g}: prescribe values that agree, or leave them out on one side"
+                f"the displacements that supports prescribe near "
+                f"{place(self.nodes[dof // dim])} contradict a plane of symmetry, a rigid set, "
+                f"a cyclic symmetry or the section of a bolt by {off[row]:g}: prescribe values "
+                "that agree, or leave them out on one side"
             )
-
-    def _place(self, node: int) -> str:
-        return place(self.nodes[node])
 
     def displacement(self, y: Floats) -> Floats:
         """``u = T y``, ``(n,)``."""
@@ -189,19 +181,16 @@ def make_ties(
     relations: Sequence[Relations],
     fixed: Ints,
     nodes: Floats,
-    planes: Planes | None = None,
 ) -> Ties:
     """Solve relations for dependent degrees of freedom.
 
     ``relations`` are solved in their order.
     ``fixed``: degrees of freedom that supports prescribe, ascending.
-    ``nodes, planes``: as in `Ties`.
-    Raises `ValueError`: a node is in a relation and on an inclined plane of symmetry.
+    ``nodes``: as in `Ties`.
     """
     n = nodes.size
     prescribed = np.zeros(n, np.bool_)
     prescribed[fixed] = True
-    _refuse_planes(relations, nodes, planes)
     simple, rest = _separate_relations(relations, prescribed)
     slow = _Elimination(prescribed)
     for dofs, coefficients in rest:
@@ -224,26 +213,7 @@ def make_ties(
         given=slow.given_rows(n),
         fixed=np.union1d(fixed, np.flatnonzero(dependent)),
         nodes=nodes,
-        planes=planes,
     )
-
-
-def _refuse_planes(
-    relations: Sequence[Relations], nodes: Floats, planes: Planes | None
-) -> None:
-    if planes is None:
-        return
-    on_plane = np.zeros(nodes.size, np.bool_)
-    on_plane[planes.normals.tocoo().row] = True
-    for relation in relations:
-        both = relation.dofs[(relation.coefficients != 0) & on_plane[relation.dofs]]
-        if both.size:
-            raise ValueError(
-                f"the node at {place(nodes[both[0] // nodes.shape[1]])} is on an inclined "
-                "plane of symmetry and in a rigid set, a cyclic symmetry or the section of a "
-                "bolt: exclude it by within, or rotate the mesh so that the plane is normal to "
-                "an axis"
-            )
 
 
 def _separate_relations(
@@ -292,8 +262,8 @@ class _Elimination:
         row = {dof: value for dof, value in row.items() if abs(value) > _GONE * size}
         free = {dof: value for dof, value in row.items() if not self._prescribed[dof]}
         largest = max((abs(value) for value in free.values()), default=0.0)
-        if largest <= _SAME * size:
-            kept = {d: v for d, v in row.items() if d not in free and abs(v) > _SAME}
+        if largest <= SAME * size:
+            kept = {d: v for d, v in row.items() if d not in free and abs(v) > SAME}
             if kept:
                 self._given.append(kept)
             return

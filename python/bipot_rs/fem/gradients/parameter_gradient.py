@@ -88,7 +88,7 @@ class ParameterGradient:
         loads: Sequence[Load] = (),
     ) -> None:
         self._model = model
-        if model.references or model.ties is not None:
+        if model.references or model.images:
             raise ValueError(
                 "the model has a floating obstacle, a rigid set, a cyclic symmetry, a bolt or a "
                 "periodicity: gradients with respect to parameters are not available"
@@ -99,9 +99,9 @@ class ParameterGradient:
         self._lambda = floats("adjoint", adjoint, shape=(steps, n))
         self._gap = floats("gap", gap, shape=(steps, *contacts))
         self._reaction = floats("reaction", reaction, shape=(steps, *contacts))
-        if model.inclined is not None:
+        if model.ties is not None:
             # The planes take the part of every force that is normal to them.
-            self._lambda = self._lambda @ model.inclined.within
+            self._lambda = self._lambda @ model.ties.within.T
         self._loads = [(load, load.of_steps(steps)) for load in loads]
         self._owners = [model.numbered[load.body].index for load in loads]
 
