@@ -57,15 +57,6 @@ def warmed() -> bp.Model:
     return m
 
 
-def inclined() -> bp.Model:
-    """A block held by rollers on an inclined side."""
-    m = _under_a_table(0.3)
-    m.support("block.bottom", x=0.0, y=0.0, z=m.times(0.02, "press"))
-    m.support("block.left", normal=[1.0, 0.0, 0.5], value=0.0)
-    m.path(press=[0.5, 1.0])
-    return m
-
-
 def sliding_freely() -> bp.Model:
     """A block that is pressed onto a plane without friction, free to slide along x."""
     m = _under_a_table(0.0)

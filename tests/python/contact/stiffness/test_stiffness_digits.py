@@ -285,19 +285,14 @@ def frame(height: float, units: tuple[float, float]) -> tuple[Any, Array]:
 @pytest.mark.parametrize("digits", [7, 10])
 def test_nodes_with_rotations(units: str, digits: int) -> None:
     """A frame on two feet: beams mix forces and moments, which have different units."""
-    newton = UNITS[units][1]
     K, at = frame(0.1, UNITS[units])
-    B = np.zeros((4, 15))
-    B[[0, 1, 2, 3], [1, 0, 13, 12]] = 1.0
     load = np.zeros(15)
-    load[[6, 7, 10]] = np.array([20.0, -100.0, -100.0]) * newton
-
-    def problem(K: Any, **given: Any) -> bp.ContactProblem:
-        options = {"gap": np.zeros(2), "mu": 0.8, "coordinates": at} | given
-        return bp.ContactProblem(K, B, **options)
-
-    full = problem(K)
-    some = problem(written(K, digits), stiffness_rtol=10.0**-digits)
+    load[[6, 7, 10]] = np.array([20.0, -100.0, -100.0]) * UNITS[units][1]
+    given = {"B": np.eye(15)[[1, 0, 13, 12]], "gap": np.zeros(2), "mu": 0.8}
+    full = bp.ContactProblem(K, **given, coordinates=at)
+    some = bp.ContactProblem(
+        written(K, digits), **given, coordinates=at, stiffness_rtol=10.0**-digits
+    )
     assert full.stats["rigid_motions"] == some.stats["rigid_motions"] == 3
     expected, restored = full.solve(load), some.solve(load)
     # Axial and bending stiffness share entries and differ by a factor of 1200.
@@ -324,21 +319,17 @@ def test_all_x_before_all_y() -> None:
 def test_bodies_with_nodes_at_the_same_points() -> None:
     """Two blocks, one on the other, with coincident nodes: each is restored separately."""
     g = np.linspace(0, 1, 4)
-    steel = fem.Material(7e4, 0.3)
     bodies = [
-        fem.Body("lower", fem.box([g, g - 1], "quadrilateral"), steel),
-        fem.Body("upper", fem.box([g, g], "quadrilateral"), steel),
+        fem.Body(name, fem.box([g, g - low], "quadrilateral"), fem.Material(7e4, 0.3))
+        for name, low in (("lower", 1), ("upper", 0))
     ]
     contact = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
     ground = fem.Contact("lower", "bottom", 0.3, plane=((0, -1), (0, 1)))
     model = fem.assemble(bodies, [contact, ground])
     load = model.traction("upper", "top", [0.1, -1.0])
     at = np.repeat(model.nodes, 2, axis=0)
-    options = {"gap": model.gap, "mu": 0.3, "coordinates": at}
-    full = bp.ContactProblem(model.K, model.B, **options)
-    some = bp.ContactProblem(
-        written(model.K, 8), model.B, stiffness_rtol=1e-8, **options
-    )
+    data = Case(model.K, model.B, model.gap, model.fixed, load, at, 2)
+    full, some = data.problem(), data.problem(written(model.K, 8), stiffness_rtol=1e-8)
     assert full.stats["rigid_motions"] == some.stats["rigid_motions"] == 6
     expected, restored = full.solve(load), some.solve(load)
     assert apart(restored.reaction, expected.reaction) <= 20 * CONDITION * 5e-8
