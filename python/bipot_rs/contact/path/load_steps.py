@@ -20,7 +20,7 @@ from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.state import State
-from bipot_rs.contact.sensitivity.model import Inclined
+from bipot_rs.contact.sensitivity.model import ChangeOfVariables
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start
@@ -32,8 +32,8 @@ Gap = Floats | MovingGaps
 Totals = tuple[Floats, Floats, Gap | None]
 
 
-class Held(Inclined, Protocol):
-    """Inclined supports, rigid sets and cyclic symmetries, which K and B do not contain."""
+class Held(ChangeOfVariables, Protocol):
+    """Relations of inclined supports, rigid sets, cyclic symmetries and bolts."""
 
     def stiffness(self, K: CsrMatrix) -> MatrixLike:
         """K with these supports."""

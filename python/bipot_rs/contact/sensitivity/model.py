@@ -17,21 +17,17 @@ from bipot_rs.contact.results.derivatives import DataChange
 from bipot_rs.contact.results.latches import Latches
 
 
-class Inclined(Protocol):
-    """Nodes on inclined supports."""
-
-    @property
-    def dependent(self) -> Ints:
-        """Degrees of freedom that follow others, prescribed as zero."""
+class ChangeOfVariables(Protocol):
+    """Relations between displacements, which K and B contain, as their solution."""
 
     def load(self, force: Floats) -> Floats:
-        """Forces without the reactions of these supports."""
+        """Forces on the unknowns: those on dependent displacements are passed on."""
 
     def displacement(self, y: Floats) -> Floats:
         """Displacements of all degrees of freedom, from the unknowns, the solution of (1)."""
 
     def prescribed(self, values: Floats) -> None:
-        """Raise for displacements that these supports do not allow."""
+        """Raise for displacements that these relations do not allow."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,7 @@ class PathModel:
     gap_shape: tuple[int, ...]  # shape of `gap` of the problem
     # Whether the gaps of each step were given by component; None if there are none.
     gaps_by_component: bool | None = None
-    held: Inclined | None = None  # nodes on inclined supports
+    held: ChangeOfVariables | None = None
     latches: Latches | None = None  # bolts
 
     @property
@@ -52,7 +48,7 @@ class PathModel:
         return int(self.contact.shape[1])
 
     def forces(self, values: Floats) -> Floats:
-        """Forces ``(steps, n)`` without the reactions of inclined supports."""
+        """Forces ``(steps, n)`` on the unknowns."""
         if self.held is None:
             return values
         return np.stack([self.held.load(row) for row in values])

@@ -130,7 +130,7 @@ class Forward:
         ]
         held = self._path.model.held
         moved = self._path.responses[first].displacements(states)
-        if held is None or not held.dependent.size:
+        if held is None:
             return moved
         return np.stack([held.displacement(y) for y in moved])
 
@@ -248,11 +248,9 @@ class Backward:
 
     def load(self) -> Floats:
         """Adjoint displacements, ``(steps, n)``."""
-        adjoint, held = (
-            _solve_together(self._path, self._solve_adjoint),
-            self._path.model.held,
-        )
-        if held is None or not held.dependent.size:
+        adjoint = _solve_together(self._path, self._solve_adjoint)
+        held = self._path.model.held
+        if held is None:
             return adjoint
         return np.stack([held.displacement(row) for row in adjoint])
 
