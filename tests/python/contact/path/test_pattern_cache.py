@@ -115,7 +115,7 @@ def test_the_least_recently_used_pattern_is_dropped(
     # Some 0.3 MB each: three fit, four do not.
     a, b, c, d = (body(cells) for cells in (24, 25, 26, 27))
     # A pattern larger than the limit is made each time and removes no other.
-    large = block([4.0, 2.0], [140, 70], 1.0, 0.3)
+    large = block([4.0, 2.0], [104, 52], 1.0, 0.3)
     asked = [(a, 1), (b, 1), (a, 0), (c, 1), (d, 1), (d, 0), (b, 1)]
     for pattern, count in [*asked, (large, 1), (large, 1), (b, 0)]:
         assert orderings(problem(pattern)) == count

@@ -121,18 +121,13 @@ def test_results_without_their_problem(path: bp.Result, tmp_path: Path) -> None:
 
 def test_shapes_of_gaps() -> None:
     """As the gap of the problem, or as the gaps of each step."""
-    problem = bp.ContactProblem(np.eye(4), np.eye(4), gap=[0.0, 0.1], mu=0.3)
+    given = {"K": np.eye(4), "B": np.eye(4), "mu": 0.3}
+    problem = bp.ContactProblem(**given, gap=[0.0, 0.1])
     load = np.array([[-1.0, 0.2, -1.0, 0.1], [-1.0, -0.2, -1.0, 0.4]])
-    bar = np.ones((2, 2, 2))
-    moving = np.zeros((2, 2))
+    bar, shapes = np.ones((2, 2, 2)), [(2, 2), (2, 2, 2)]
+    moved, whole = (problem.solve(load, gap=np.zeros(s)).vjp(bar).gap for s in shapes)
+    assert [moved.shape, whole.shape] == shapes
+    np.testing.assert_array_equal(moved, whole[:, :, 0])
     assert problem.solve(load).vjp(bar).gap.shape == (2,)
-    assert problem.solve(load, gap=moving).vjp(bar).gap.shape == (2, 2)
-    whole = problem.solve(load, gap=np.zeros((2, 2, 2))).vjp(bar)
-    assert whole.gap.shape == (2, 2, 2)
-    np.testing.assert_array_equal(
-        problem.solve(load, gap=moving).vjp(bar).gap, whole.gap[:, :, 0]
-    )
-    small_problem = bp.ContactProblem(
-        np.eye(4), np.eye(4), gap=np.zeros((2, 2)), mu=0.3
-    )
-    assert small_problem.solve(load).vjp(bar).gap.shape == (2, 2)
+    by_component = bp.ContactProblem(**given, gap=np.zeros((2, 2))).solve(load)
+    assert by_component.vjp(bar).gap.shape == (2, 2)
