@@ -1,7 +1,5 @@
 """The step of the points of a soil: textbook return mapping, inequality, duals."""
 
-import math
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,6 +7,7 @@ from scipy import sparse
 
 from bipot_rs.theory.points import PlasticPoints
 from bipot_rs.theory.soils import DruckerPrager, mandel, tensor
+from support.textbook import return_stress
 
 Array = NDArray[np.float64]
 N = 800
@@ -90,36 +89,12 @@ def drawn(soil: DruckerPrager) -> tuple[Step, Array]:
     return step, rng.normal(size=(N, 6))
 
 
-def textbook(
-    soil: DruckerPrager, K: float, G: float, start: Array, strain: Array
-) -> Array:
-    """Return mapping in ``p`` and ``√J₂``: de Souza Neto, Perić, Owen, 2008, chapter 8.
-
-    ``Φ = √J₂ + η p - ξ c``, flow ``s/(2 √J₂) + η̄ I/3``.
-    """
-    eta, bar = soil.friction / math.sqrt(2), soil.dilatancy / math.sqrt(2)
-    strength = eta * soil.apex
-    volume = np.trace(strain)
-    trial = start + K * volume * np.eye(3)
-    trial = trial + 2 * G * (strain - volume / 3 * np.eye(3))
-    p = np.trace(trial) / 3
-    s = trial - p * np.eye(3)
-    root = math.sqrt(0.5 * np.sum(s * s))
-    over = root + eta * p - strength
-    if over <= 0 and p <= soil.apex:
-        return trial
-    gamma = over / (G + K * eta * bar)
-    if over > 0 and root - G * gamma >= 0:
-        return (1 - G * gamma / root) * s + (p - K * bar * gamma) * np.eye(3)
-    return soil.apex * np.eye(3)
-
-
 @pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
 def test_stress_is_that_of_the_textbook(soil: DruckerPrager) -> None:
     step, strain = drawn(soil)
     stress, plastic = step.respond(strain)
     expected = [
-        textbook(soil, K, G, s, e)
+        return_stress(soil, K, G, s, e)
         for K, G, s, e in zip(
             step.bulk, step.shear, tensor(step.start), tensor(strain), strict=True
         )
