@@ -14,8 +14,9 @@ from support.rational import excludes_balance
 Array = NDArray[np.float64]
 
 
-def build_bridge(thickness: float, stones: int = 12) -> list[Block]:
+def build_bridge(thickness: float) -> list[Block]:
     """Two half circles with an inner radius of 1, on three piers."""
+    stones = 12
     angle = np.linspace(0, np.pi, stones + 1)
     direction = np.column_stack([np.cos(angle), np.sin(angle)])
     inner, outer = direction, (1 + thickness) * direction
@@ -60,8 +61,9 @@ def lay_wall(lintel: float) -> list[Block]:
     return blocks
 
 
-def build_dome(thickness: float, rings: int = 6, sides: int = 12) -> list[Block]:
+def build_dome(thickness: float) -> list[Block]:
     """Half a sphere of radius 1 with an eye, of stones between meridians and cones."""
+    rings, sides = 6, 12
     up = np.linspace(0, np.pi / 2 - 0.15, rings + 1)
     around = 2 * np.pi * np.arange(sides + 1) / sides
     corners = np.empty((rings + 1, sides + 1, 3))

@@ -274,10 +274,10 @@ def test_mistakes_are_named(call: Callable[[], Any], words: str) -> None:
         call()
 
 
-def dragged(steps: int, turn: float = np.pi) -> tuple[bp.ContactProblem, Array]:
+def dragged(steps: int) -> tuple[bp.ContactProblem, Array]:
     """One contact on springs: pressed, dragged until it slides, then moved in a circle."""
     problem = bp.ContactProblem(np.diag([2.0, 1.0, 1.0]), np.eye(3), gap=[0.0], mu=0.4)
-    angle = np.linspace(0, turn, steps + 1)[1:]
+    angle = np.linspace(0, np.pi, steps + 1)[1:]
     # Slides from t = -0.4: in the first step by hand, to the edge of the cone and beyond.
     pull = np.column_stack([np.cos(angle), np.sin(angle)]) * 2.0
     way = np.vstack([[[0.4, 0.0]], [[2.0, 0.0]], pull])

@@ -43,14 +43,12 @@ def mesh_of(cell: str, *, n: int = 2, shaken: float = 0.15) -> Any:
     return second_order(moved, serendipity=cell in ("quadrilateral", "hexahedron"))
 
 
-def body_of(mesh: Any, young: float = E) -> fem.Body:
-    return fem.Body("soil", mesh, fem.Material(young, NU))
+def body_of(mesh: Any) -> fem.Body:
+    return fem.Body("soil", mesh, fem.Material(E, NU))
 
 
-def structure_of(
-    body: fem.Body, soil: DruckerPrager, fixed: Any, weight: float = 0.0
-) -> Structure:
-    return Structure([], [Soil.of_body(body, weight=weight, law=soil)], None, fixed)
+def structure_of(body: fem.Body, soil: DruckerPrager, fixed: Any) -> Structure:
+    return Structure([], [Soil.of_body(body, law=soil)], None, fixed)
 
 
 def body_in(structure: Structure) -> fem.Body:

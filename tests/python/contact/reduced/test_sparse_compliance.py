@@ -12,12 +12,12 @@ from support.disks import wall
 TOL = 1e-10
 
 
-def reduced(n: int, mu: float = 0.4) -> tuple[bp.ReducedProblem, bp.ReducedProblem]:
+def reduced(n: int) -> tuple[bp.ReducedProblem, bp.ReducedProblem]:
     """The wall with a sparse and with a dense W."""
     M, B, load = wall(n)
     inverse = sparse.diags_array(1 / M.diagonal())
     W, q = (B @ inverse @ B.T).tocsr(), (B @ (inverse @ load)).reshape(-1, 2)
-    return bp.ReducedProblem(W, q, mu), bp.ReducedProblem(W.toarray(), q, mu)
+    return bp.ReducedProblem(W, q, 0.4), bp.ReducedProblem(W.toarray(), q, 0.4)
 
 
 def test_the_residual_of_the_dense_problem_is_the_same() -> None:
