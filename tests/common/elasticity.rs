@@ -26,7 +26,7 @@ pub(crate) struct Grid {
     pub(crate) sides: [f64; 3],
     pub(crate) dim: usize,
     pub(crate) cell: Cell,
-    /// Degree of the polynomials, 2 for bricks only.
+    /// Degree of the polynomials, 1 in triangles.
     pub(crate) order: usize,
     pub(crate) poisson: f64,
     /// Young's modulus of the cells in the half away from the face `x_d = 0`, `d` the last
@@ -55,6 +55,24 @@ impl Grid {
             cells: [cells, cells, 1],
             dim: 2,
             ..Self::cube(cells)
+        }
+    }
+
+    pub(crate) fn tetrahedra(cells: usize) -> Self {
+        Self {
+            cell: Cell::Simplex,
+            ..Self::cube(cells)
+        }
+    }
+
+    pub(crate) fn quadratic(self) -> Self {
+        Self { order: 2, ..self }
+    }
+
+    pub(crate) fn floating(self) -> Self {
+        Self {
+            held: false,
+            ..self
         }
     }
 
@@ -128,13 +146,29 @@ impl Grid {
         assembled
     }
 
+    /// The elements of one cell, by the places of their nodes.
+    pub(crate) fn units(self) -> (Reference, Vec<Vec<[usize; 3]>>) {
+        let (d, order) = (self.dim, self.order);
+        if self.cell == Cell::Brick {
+            return (boxes(d, order), vec![grid_points(d, order)]);
+        }
+        let nodes = |corners: Vec<[usize; 3]>| {
+            let edges = if order == 2 { &EDGES[..] } else { &[] };
+            let middle =
+                |&[a, b]: &[usize; 2]| std::array::from_fn(|k| corners[a][k] + corners[b][k]);
+            let scaled = corners.iter().map(|corner| corner.map(|x| order * x));
+            scaled.chain(edges.iter().map(middle)).collect()
+        };
+        (
+            simplices(d, order),
+            kuhn(d).into_iter().map(nodes).collect(),
+        )
+    }
+
     /// The elements of one cell: places of their nodes, and their stiffness by rows.
     fn elements(self) -> Vec<(Vec<[usize; 3]>, Vec<f64>)> {
         let (d, order) = (self.dim, self.order);
-        let (reference, elements) = match self.cell {
-            Cell::Brick => (boxes(d, order), vec![grid_points(d, order)]),
-            Cell::Simplex => (simplices(d, 1), kuhn(d)),
-        };
+        let (reference, elements) = self.units();
         let place = |node: &[usize; 3]| {
             std::array::from_fn(|k| node[k] as f64 * self.sides[k] / order as f64)
         };
@@ -156,7 +190,7 @@ pub(crate) struct Reference {
 
 /// Corners of the simplices of a unit square or cube, from one of its corners to the opposite one
 /// edge by edge; right-handed.
-pub(crate) fn kuhn(d: usize) -> Vec<Vec<[usize; 3]>> {
+fn kuhn(d: usize) -> Vec<Vec<[usize; 3]>> {
     const PATHS: [[usize; 3]; 6] = [
         [0, 1, 2],
         [0, 2, 1],
@@ -180,9 +214,9 @@ pub(crate) fn kuhn(d: usize) -> Vec<Vec<[usize; 3]>> {
 }
 
 /// The edges of a tetrahedron, by its corners.
-pub(crate) const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
-pub(crate) fn grid_points(d: usize, order: usize) -> Vec<[usize; 3]> {
+fn grid_points(d: usize, order: usize) -> Vec<[usize; 3]> {
     let side = order + 1;
     let last = |k: usize| if k < d { side } else { 1 };
     let count = last(0) * last(1) * last(2);
@@ -192,7 +226,7 @@ pub(crate) fn grid_points(d: usize, order: usize) -> Vec<[usize; 3]> {
 }
 
 /// Gauss' rule of `order + 1` points a direction.
-pub(crate) fn boxes(d: usize, order: usize) -> Reference {
+fn boxes(d: usize, order: usize) -> Reference {
     let rule: &[(f64, f64)] = if order == 1 {
         &[
             (-0.577_350_269_189_625_8, 1.0),
@@ -249,7 +283,7 @@ pub(crate) fn boxes(d: usize, order: usize) -> Reference {
 }
 
 /// Tetrahedra, and triangles of the first order.
-pub(crate) fn simplices(d: usize, order: usize) -> Reference {
+fn simplices(d: usize, order: usize) -> Reference {
     const FLAT: [[f64; 3]; 4] = [
         [-1.0, -1.0, -1.0],
         [1.0, 0.0, 0.0],

@@ -57,13 +57,6 @@ fn projection_is_the_projection<const D: usize>(tau: [f64; D], mu: f64) {
     assert_eq!((scaled, same), (r.map(|c| 0.125 * c), status));
 }
 
-fn lipschitz<const D: usize>(a: [f64; D], b: [f64; D], mu: f64) {
-    let (x, _) = project(&a, mu);
-    let (y, _) = project(&b, mu);
-    let rounding = 16.0 * EPS * (norm(&a) + norm(&b));
-    assert!(norm(&minus(&x, &y)) <= norm(&minus(&a, &b)) + rounding);
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: 4000, max_global_rejects: 100_000, failure_persistence: None, ..Default::default() })]
 
@@ -75,22 +68,6 @@ proptest! {
     #[test]
     fn projects_in_space((tau, mu) in point_and_mu::<3>()) {
         projection_is_the_projection(tau, mu);
-    }
-
-    #[test]
-    fn is_lipschitz((a, mu) in point_and_mu::<3>(), (b, _) in point_and_mu::<3>()) {
-        lipschitz(a, b, mu);
-        lipschitz([a[0], a[1]], [b[0], b[1]], mu);
-    }
-
-    #[test]
-    fn is_isotropic((tau, mu) in point_and_mu::<3>(), angle in 0.0..std::f64::consts::TAU) {
-        let (s, c) = angle.sin_cos();
-        let turn = |x: &[f64; 3]| [x[0], c * x[1] - s * x[2], s * x[1] + c * x[2]];
-        let (a, _) = project(&turn(&tau), mu);
-        let (b, _) = project(&tau, mu);
-        // The turn itself rounds τ by an ulp or two, and the projection is 1-Lipschitz.
-        prop_assert!(norm(&minus(&a, &turn(&b))) <= 16.0 * EPS * norm(&tau));
     }
 
     #[test]
@@ -250,38 +227,13 @@ proptest! {
     }
 }
 
-/// `y = V + e` is the point of the orthogonal face nearest to `V`: it lies in it, `e ⊥ y`, and
-/// `e` is at most a right angle from every point of the face. That defines a projection onto a
-/// convex cone.
-fn misfit_leads_to_the_nearest_point<const D: usize>(rng: &mut StdRng, seen: &mut [usize; 3]) {
+/// Errors of the misfit where it is not known exactly, and of a contact that is known to stick or
+/// to slip.
+fn misfits_have_their_errors<const D: usize>(rng: &mut StdRng) {
     let mut any = || -> [f64; D] { std::array::from_fn(|_| rng.random_range(-1.0..1.0)) };
     let (v, tau, mu) = (any(), any(), 0.1 + any()[0].abs());
     let p = 1.5 + any()[0];
     let face = Face::of(&project(&tau, mu).0, mu);
-    let mut weighted = v;
-    weighted[0] = p * v[0] + mu * tangential_norm(&v);
-    let (e, error) = face.misfit(&v, &[0.0; D], p, mu);
-    let y: [f64; D] = std::array::from_fn(|k| weighted[k] + e[k]);
-    // Products of numbers of order one.
-    assert!(dot(&e, &y).abs() <= 1e-14 && dot(&face.reaction, &y).abs() <= 1e-14);
-    assert!(
-        mu * tangential_norm(&y) <= y[0] + 1e-14,
-        "{y:?} leaves the dual of {mu}"
-    );
-    assert!(error.iter().all(|e| (0.0..=1e-12).contains(e)));
-    for _ in 0..20 {
-        let mut z = any();
-        z[0] = mu * tangential_norm(&z) + z[0].abs();
-        match face.place {
-            Place::Apex => {}
-            Place::Ray(direction) => {
-                z = direction.map(|t| -t);
-                z[0] = mu;
-            }
-            Place::Inside | Place::Edge(_) => z = [0.0; D],
-        }
-        assert!(dot(&e, &z) >= -1e-14, "{face:?} {v:?}");
-    }
     // If `v` may be anywhere within `dv`, the misfit there is within its error.
     let dv: [f64; D] = any().map(|c| 1e-3 * c.abs());
     let (e, error) = face.misfit(&v, &dv, p, mu);
@@ -298,28 +250,15 @@ fn misfit_leads_to_the_nearest_point<const D: usize>(rng: &mut StdRng, seen: &mu
         _ => -p * v[0],
     };
     assert!((along - expected).abs() <= error);
-    seen[match face.place {
-        Place::Apex => 0,
-        Place::Ray(_) => 1,
-        Place::Inside | Place::Edge(_) => 2,
-    }] += 1;
 }
 
 #[test]
-fn misfit_is_the_way_to_the_orthogonal_face() {
+fn misfits_have_their_errors_in_the_plane_and_in_space() {
     let mut rng = StdRng::seed_from_u64(31);
-    let mut seen = [0; 3];
     for _ in 0..2000 {
-        misfit_leads_to_the_nearest_point::<2>(&mut rng, &mut seen);
-        misfit_leads_to_the_nearest_point::<3>(&mut rng, &mut seen);
+        misfits_have_their_errors::<2>(&mut rng);
+        misfits_have_their_errors::<3>(&mut rng);
     }
-    assert!(seen.iter().all(|&n| n > 300), "{seen:?}");
-    // Without friction K* is a half-space, and the tangents of V belong to it.
-    let face = Face::of(&[0.0; 3], 0.0);
-    assert_eq!(
-        face.misfit(&[-2.0, 1.0, 3.0], &[0.0; 3], 0.5, 0.0).0,
-        [1.0, 0.0, 0.0]
-    );
 }
 
 #[test]

@@ -4,8 +4,9 @@
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use super::comparison::{ROUNDINGS, factor, reach};
-use super::elements::{Make, Shape};
+use super::elements::{Young, build_of};
 use crate::common::double_double;
+use crate::common::elasticity::Grid;
 
 /// `K` with the load as last row and column, and a last diagonal as large as makes
 /// it look like a stiffness, `|f_i| ≤ √(K_ii d)`.
@@ -25,29 +26,24 @@ fn bordered(n: usize, dense: &[f64], load: &[f64]) -> Vec<f64> {
 #[test]
 fn loads_are_condensed_as_exactly_as_the_matrix() {
     let mut random = StdRng::seed_from_u64(10);
-    let cubes = Shape::Box { dim: 3, order: 1 };
-    let grounds = [
-        Make::new(cubes, 4),
-        Make::new(Shape::Tetrahedra { order: 2 }, 2),
-        Make {
-            held: false,
-            ..Make::new(cubes, 4)
-        },
-        Make {
-            poisson: 0.4999,
-            ..Make::new(cubes, 4)
-        },
-        Make {
-            young: |_, z| if z < 0.5 { 1.0 } else { 1e8 },
-            ..Make::new(cubes, 4)
-        },
-        Make {
-            young: |_, z| if z < 0.5 { 1e8 } else { 1.0 },
-            ..Make::new(Shape::Box { dim: 2, order: 2 }, 5)
-        },
+    let soft = Grid {
+        poisson: 0.4999,
+        ..Grid::cube(4)
+    };
+    let even: Young = |_, _| 1.0;
+    let grounds: [(Grid, Young); 6] = [
+        (Grid::cube(4), even),
+        (Grid::tetrahedra(2).quadratic(), even),
+        (Grid::cube(4).floating(), even),
+        (soft, even),
+        (Grid::cube(4), |_, z| if z < 0.5 { 1.0 } else { 1e8 }),
+        (
+            Grid::square(5).quadratic(),
+            |_, z| if z < 0.5 { 1e8 } else { 1.0 },
+        ),
     ];
-    for made in grounds {
-        let (k, kept) = made.build();
+    for (grid, young) in grounds {
+        let (k, kept) = build_of(grid, young);
         let (n, dense) = (k.n, k.dense());
         let loads: Vec<f64> = (0..2 * n).map(|_| random.random_range(-1.0..1.0)).collect();
         let mut found = loads.clone();
@@ -63,7 +59,7 @@ fn loads_are_condensed_as_exactly_as_the_matrix() {
             for (i, &dof) in kept.iter().enumerate() {
                 let error = (exact[i * (m + 1) + m] - found[dof].into()).high.abs();
                 let allowed = ROUNDINGS * f64::EPSILON * reach[i] * reach[m];
-                assert!(error <= allowed, "{made:?}: {error:e} {allowed:e}");
+                assert!(error <= allowed, "{grid:?}: {error:e} {allowed:e}");
             }
         }
     }

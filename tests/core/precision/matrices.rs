@@ -98,18 +98,6 @@ impl Sparse {
         entries.for_each(|((i, j, value), to)| *to = value * unit(i) * unit(j));
         scaled
     }
-
-    /// Two matrices that do not touch, one after the other.
-    pub(crate) fn beside(mut self, other: &Self) -> Self {
-        let stored = self.values.len();
-        let pointers = other.col_ptr[1..].iter().map(|p| p + stored);
-        self.col_ptr.extend(pointers);
-        self.row_idx
-            .extend(other.row_idx.iter().map(|i| i + self.n));
-        self.values.extend(&other.values);
-        self.n += other.n;
-        self
-    }
 }
 
 pub(crate) fn shuffle<T>(list: &mut [T], random: &mut StdRng) {

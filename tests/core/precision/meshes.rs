@@ -4,8 +4,9 @@ use bipot_rs::linalg::dense;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use super::comparison::{Errors, errors, errors_of_data, factor, schur};
-use super::elements::{Make, Shape, Young};
+use super::elements::{Young, build, build_of};
 use super::matrices::{Sparse, shuffle};
+use crate::common::elasticity::Grid;
 
 /// Digits that S is held to where the body is not hard: 45 roundings, for entries
 /// that are sums of some hundred terms. Nearly incompressible bodies, and stiff
@@ -17,19 +18,15 @@ const PROMISED: f64 = 1e-14;
 /// elimination, up to 6.3 and once in sixteen 10.7.
 const OF_DATA: f64 = 10.0;
 
-const SQUARES: Shape = Shape::Box { dim: 2, order: 1 };
-const CUBES: Shape = Shape::Box { dim: 3, order: 1 };
-
 /// Every element, about 400 unknowns.
-fn elements() -> [Make; 6] {
-    let order_two = |dim| Shape::Box { dim, order: 2 };
+fn elements() -> [Grid; 6] {
     [
-        Make::new(SQUARES, 13),
-        Make::new(order_two(2), 7),
-        Make::new(CUBES, 4),
-        Make::new(order_two(3), 2),
-        Make::new(Shape::Tetrahedra { order: 1 }, 4),
-        Make::new(Shape::Tetrahedra { order: 2 }, 2),
+        Grid::square(13),
+        Grid::square(7).quadratic(),
+        Grid::cube(4),
+        Grid::cube(2).quadratic(),
+        Grid::tetrahedra(4),
+        Grid::tetrahedra(2).quadratic(),
     ]
 }
 
@@ -46,10 +43,10 @@ fn as_exact_as_the_data(name: &str, k: &Sparse, kept: &[usize]) -> Errors {
 
 #[test]
 fn every_element_to_fourteen_digits() {
-    for made in elements() {
+    for grid in elements() {
         for poisson in [0.0, 0.3, 0.49] {
-            let (k, kept) = Make { poisson, ..made }.build();
-            let name = format!("{made:?}, {poisson}");
+            let (k, kept) = build(Grid { poisson, ..grid });
+            let name = format!("{grid:?}, {poisson}");
             let found = as_exact_as_the_data(&name, &k, &kept);
             // Row by row too: all unknowns of the face are alike.
             assert!(found.of_largest <= PROMISED, "{name}: {found:?}");
@@ -60,10 +57,10 @@ fn every_element_to_fourteen_digits() {
 
 #[test]
 fn nearly_incompressible() {
-    for made in elements() {
+    for grid in elements() {
         for poisson in [0.4999, 0.499_999_9] {
-            let (k, kept) = Make { poisson, ..made }.build();
-            as_exact_as_the_data(&format!("{made:?}, {poisson}"), &k, &kept);
+            let (k, kept) = build(Grid { poisson, ..grid });
+            as_exact_as_the_data(&format!("{grid:?}, {poisson}"), &k, &kept);
         }
     }
 }
@@ -95,15 +92,10 @@ fn stiff_beside_soft() {
             |cell, _| if cell == 21 { 1e8 } else { 1.0 },
         ),
     ];
-    let tetrahedra = Shape::Tetrahedra { order: 1 };
-    for (shape, cells) in [(SQUARES, 12), (CUBES, 4), (tetrahedra, 4)] {
+    for grid in [Grid::square(12), Grid::cube(4), Grid::tetrahedra(4)] {
         for (name, young) in grounds {
-            let made = Make {
-                young,
-                ..Make::new(shape, cells)
-            };
-            let (k, kept) = made.build();
-            as_exact_as_the_data(&format!("{shape:?}, {name}"), &k, &kept);
+            let (k, kept) = build_of(grid, young);
+            as_exact_as_the_data(&format!("{grid:?}, {name}"), &k, &kept);
         }
     }
 }
@@ -111,62 +103,23 @@ fn stiff_beside_soft() {
 /// A free body keeps its rigid motions, 3 or 6 of them, and nothing else.
 #[test]
 fn floating_bodies_keep_their_motions() {
-    for made in elements() {
-        let (k, kept) = Make {
-            held: false,
-            ..made
-        }
-        .build();
+    for grid in elements().map(Grid::floating) {
+        let (k, kept) = build(grid);
         let found = errors(&k, &kept);
-        assert!(found.of_largest <= PROMISED, "{made:?}: {found:?}");
+        assert!(found.of_largest <= PROMISED, "{grid:?}: {found:?}");
         let m = kept.len();
         let mut vectors = schur(&k, &kept);
         let mut values = vec![0.0; m];
         dense::symmetric_eigen(&mut vectors, m, &mut values);
         let largest = values[m - 1];
-        let free = match made.shape {
-            Shape::Box { dim: 2, .. } => 3,
-            _ => 6,
-        };
+        let free = if grid.dim == 2 { 3 } else { 6 };
         // K itself is rounded: some roundings of the largest.
         let null = values[..free].iter().all(|v| v.abs() < 1e-14 * largest);
         assert!(
             null && values[free] > 1e-2 * largest,
-            "{made:?}: {:?}",
+            "{grid:?}: {:?}",
             &values[..8]
         );
-    }
-}
-
-#[test]
-fn pieces_with_and_without_contact() {
-    let (first, face) = Make::new(CUBES, 3).build();
-    let (second, _) = Make::new(SQUARES, 8).build();
-    let (third, own) = Make {
-        held: false,
-        ..Make::new(SQUARES, 4)
-    }
-    .build();
-    // Bodies onto their face, of which nothing is kept, and kept whole.
-    let all = first.clone().beside(&second).beside(&third).beside(&third);
-    let start = [first.n + second.n, first.n + second.n + third.n];
-    let mut kept = face.clone();
-    kept.extend(own.iter().map(|i| start[0] + i));
-    kept.extend(start[1]..all.n);
-    shuffle(&mut kept, &mut StdRng::seed_from_u64(3));
-    let found = errors(&all, &kept);
-    assert!(found.of_largest <= PROMISED, "{found:?}");
-    // What is not coupled is zero to the bit, and what is kept whole untouched.
-    let (s, m, dense) = (schur(&all, &kept), kept.len(), all.dense());
-    let piece = |i: usize| usize::from(i >= first.n) + usize::from(i >= start[1]);
-    for (a, &i) in kept.iter().enumerate() {
-        for (b, &j) in kept.iter().enumerate() {
-            if piece(i) != piece(j) {
-                assert_eq!(s[a * m + b].to_bits(), 0);
-            } else if i >= start[1] {
-                assert_eq!(s[a * m + b].to_bits(), dense[i * all.n + j].to_bits());
-            }
-        }
     }
 }
 
@@ -174,8 +127,8 @@ fn pieces_with_and_without_contact() {
 #[test]
 fn numbering_moves_nothing_but_rounding() {
     let mut random = StdRng::seed_from_u64(4);
-    for made in elements() {
-        let (k, kept) = made.build();
+    for grid in elements() {
+        let (k, kept) = build(grid);
         for _ in 0..2 {
             let mut number: Vec<usize> = (0..k.n).collect();
             shuffle(&mut number, &mut random);
@@ -183,7 +136,7 @@ fn numbering_moves_nothing_but_rounding() {
             let mut places: Vec<usize> = kept.iter().map(|&i| number[i].unwrap()).collect();
             shuffle(&mut places, &mut random);
             let found = errors(&k.renumbered(&number), &places);
-            assert!(found.of_largest <= PROMISED, "{made:?}: {found:?}");
+            assert!(found.of_largest <= PROMISED, "{grid:?}: {found:?}");
         }
     }
 }
@@ -193,8 +146,8 @@ fn numbering_moves_nothing_but_rounding() {
 #[test]
 fn units_scale_every_bit() {
     let mut random = StdRng::seed_from_u64(5);
-    for made in elements() {
-        let (k, kept) = made.build();
+    for grid in elements() {
+        let (k, kept) = build(grid);
         let s = schur(&k, &kept);
         for spread in [0, 20, 200] {
             let unit: Vec<f64> = (0..k.n)
@@ -207,7 +160,7 @@ fn units_scale_every_bit() {
             let m = kept.len();
             for (at, (found, one)) in scaled.iter().zip(&s).enumerate() {
                 let expected = one * unit[kept[at / m]] * unit[kept[at % m]];
-                assert_eq!(found.to_bits(), expected.to_bits(), "{made:?}, {spread}");
+                assert_eq!(found.to_bits(), expected.to_bits(), "{grid:?}, {spread}");
             }
         }
     }
@@ -216,14 +169,8 @@ fn units_scale_every_bit() {
 /// Large enough to be shared out among the threads.
 #[test]
 fn threads_do_not_change_a_bit() {
-    for made in [
-        Make::new(Shape::Tetrahedra { order: 2 }, 5),
-        Make {
-            held: false,
-            ..Make::new(Shape::Box { dim: 3, order: 2 }, 5)
-        },
-    ] {
-        let (k, kept) = made.build();
+    for grid in [Grid::tetrahedra(5), Grid::cube(5).floating()] {
+        let (k, kept) = build(grid.quadratic());
         let flops = factor(&k, &kept).unwrap().symbolic().counts().flops;
         // More than one thread takes at a time: two tasks, and fronts above them.
         assert!(flops > 3e8, "{flops:e}");
