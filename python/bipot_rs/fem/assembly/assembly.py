@@ -52,8 +52,7 @@ from bipot_rs.fem.constraints.references import (
 )
 from bipot_rs.fem.constraints.ties import Ties
 from bipot_rs.fem.contact.contact import Contact
-from bipot_rs.fem.contact.meeting import frames_of_steps
-from bipot_rs.fem.contact.rigid import follow_obstacle
+from bipot_rs.fem.contact.meeting import follow_obstacle, frames_of_steps
 from bipot_rs.fem.contact.surfaces import ContactSurface
 from bipot_rs.obstacle.motion import Motion
 
