@@ -151,8 +151,8 @@ def test_a_run_imports_everything_before_its_phases(tmp_path: Path) -> None:
 import sys
 from contextlib import contextmanager
 from bipot_rs.cli.entry import call
-from bipot_rs.cli.run.job import Job
-phase, ours = Job._phase, ("bipot_rs", "skfem", "scipy", "h5py")
+from bipot_rs.cli.run.runner import Runner
+phase, ours = Runner.phase, ("bipot_rs", "skfem", "scipy", "h5py")
 @contextmanager
 def watched(self, name):
     before = set(sys.modules)
@@ -160,7 +160,7 @@ def watched(self, name):
         yield
     new = [m for m in set(sys.modules) - before if m.partition(".")[0] in ours]
     print("imported by", name, sorted(new), file=sys.stderr)
-Job._phase = watched
+Runner.phase = watched
 call(["run", "pressed_block", "--set", "mesh.n=4", "--json", "--out", "out"])
 """
     told = child(code, cwd=tmp_path).stderr.splitlines()
