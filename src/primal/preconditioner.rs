@@ -114,7 +114,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             self.problem.hierarchy(&self.cycle, stop)?
         };
         following.update(
-            &self.problem.about_nodes(following.nodes_read()),
+            &self.problem.about_nodes(Some(following.nodes_read())),
             &tangent.held,
             &tangent.springs(&self.problem.contacts.frames),
             stop,

@@ -3,6 +3,7 @@
 use crate::linalg::amg::block_matrix::{ABSENT, ROWS};
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::single_rows::LevelMatrix;
+use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::amg::tuning;
 use crate::linalg::sparse::csc::narrow;
 use crate::tasks;
@@ -39,9 +40,8 @@ impl Aggregates {
         &self.members[self.start[aggregate] as usize..self.start[aggregate + 1] as usize]
     }
 
-    /// The nodes of the next level, in the middle of their members, with the near-null vectors
-    /// `motions`.
-    pub(super) fn coarse(&self, about: &LevelNodes, motions: Vec<f64>) -> LevelNodes {
+    /// The nodes of the next level, in the middle of their members.
+    pub(super) fn coarse(&self, about: &LevelNodes, tentative: &Tentative) -> LevelNodes {
         let d = about.coordinates.len() / self.of_node.len().max(1);
         let count = self.count();
         let mut coordinates = vec![0.0; count * d];
@@ -62,7 +62,7 @@ impl Aggregates {
             (0..count).map(first).collect()
         };
         LevelNodes {
-            motions,
+            motions: tentative.coarse.clone(),
             coordinates,
             bodies,
         }

@@ -1,11 +1,11 @@
 //! A preconditioner that follows changes at a few nodes: the statuses of contacts.
 //!
-//! The aggregates are chosen once, without a change. A change at a node then reaches the motions
-//! of its aggregate, the rows of `P` beside this aggregate, and the blocks of `Pᵀ A P` of the
-//! aggregates about them. All else keeps its bits, and what is computed anew has the bits of a
-//! set-up from the start. Coarser levels are small: they are made again.
+//! Aggregates and bounds of spectra are chosen once, without a change. A change at a node then
+//! reaches the motions of its aggregate, the rows of `P` beside this aggregate, and the blocks of
+//! `Pᵀ A P` of the aggregates about them, which are changes of the next level. All else keeps its
+//! bits, and what is computed anew has the bits of a set-up from the start. The factor of the
+//! coarsest level is made again.
 
-use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
@@ -13,7 +13,7 @@ use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin;
-use crate::linalg::amg::hierarchy::{Levels, failure, level, omega, running};
+use crate::linalg::amg::hierarchy::{Kept, failure, level, make_levels, omega, running};
 use crate::linalg::amg::inverse_diagonal::invert_node;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::multigrid::{Multigrid, check_lengths};
@@ -23,7 +23,6 @@ use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
 use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::single_rows::{LevelMatrix, SingleRows};
-use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::amg::tuning;
 
 /// Multigrid whose matrix changes at some nodes.
@@ -34,31 +33,24 @@ pub struct Following {
     held: Vec<bool>,
     /// Springs of the nodes of `rows`, in the units of the matrix before it was scaled.
     springs: Vec<f64>,
-    finest: Finest,
+    /// What a change of each level needs. Of the finest matrix this has some rows only.
+    kept: Vec<Kept>,
+    /// The matrix of the coarsest level: of few unknowns, which it has all, the finest.
+    last: BlockMatrix,
+    /// The nodes whose motions a change reads.
+    read: Vec<bool>,
     multigrid: Multigrid,
     ready: bool,
 }
 
-/// The finest level.
-#[derive(Debug)]
-enum Finest {
-    /// Few unknowns, which the coarsest level has all.
-    Small(BlockMatrix),
-    /// The level itself is with the others.
-    Large(Box<Kept>),
-}
-
-/// What is left of the set-up of the finest level.
-#[derive(Debug)]
-struct Kept {
-    aggregates: Aggregates,
-    tentative: Tentative,
-    /// The next matrix, with zeros for unknowns without a motion.
-    coarse: BlockMatrix,
-    /// The rows of the matrix that a change needs, in single precision.
-    near: BlockMatrix,
-    /// The nodes whose motions a change reads.
-    read: Vec<bool>,
+/// What changed of the matrix of a level.
+struct Change {
+    /// Nodes with another diagonal block.
+    nodes: Vec<u32>,
+    /// Nodes with another row: these, and others that have mirror images of their blocks.
+    rows: Vec<u32>,
+    /// Nodes with other motions, or held otherwise.
+    moved: Vec<u32>,
 }
 
 impl Following {
@@ -78,28 +70,41 @@ impl Following {
         let rows = NodeRows::new(matrix, nodes);
         let springs = vec![0.0; rows.nodes.len() * b * b];
         let mut multigrid = Multigrid::empty(held.len(), own.exponent(), settings);
-        let finest = if held.len() <= tuning::dense_unknowns() {
-            Finest::Small(matrix.whole())
+        let mut kept = Vec::new();
+        let mut read = vec![false; own.nodes()];
+        let last = if held.len() <= tuning::dense_unknowns() {
+            matrix.whole()
         } else {
-            let made = level(own, about, &held, settings.spectrum, stop)?;
-            let reached = reach(&rows.nodes, &made.aggregates, own, &made.p);
+            let (made, mut coarse) = level(own, about, &held, settings.spectrum, stop)?;
+            coarse.replace_dead(&made.tentative.dead);
+            let next = made.aggregates.coarse(about, &made.tentative);
+            // The largest arrays come last.
+            let (mut levels, last) = make_levels(coarse, next, None, Some(&mut kept), stop)?;
+            let all = Change::at_finest(rows.nodes.clone(), own);
+            let reached = reach(&all, &made.aggregates, own, &made.p);
             let near = matrix.only(&reached.needed(&made.p));
-            let (level, aggregates, tentative, coarse) = made.level(ScaledBlocks::new(own));
-            multigrid.replace(vec![level], Coarsest::none());
-            Finest::Large(Box::new(Kept {
-                aggregates,
-                tentative,
-                coarse,
-                near,
-                read: reached.read,
-            }))
+            let (finest, aggregates, tentative) = made.level(ScaledBlocks::new(own));
+            levels.insert(0, finest);
+            kept.insert(
+                0,
+                Kept {
+                    matrix: near,
+                    aggregates,
+                    tentative,
+                },
+            );
+            multigrid.replace(levels, Coarsest::none());
+            read = reached.read;
+            last
         };
         Ok(Self {
             b,
             rows,
             held,
             springs,
-            finest,
+            kept,
+            last,
+            read,
             multigrid,
             ready: false,
         })
@@ -131,51 +136,43 @@ impl Following {
             return Ok(());
         }
         self.ready = false;
+        let finest = match self.kept.first_mut() {
+            Some(kept) => &mut kept.matrix,
+            None => &mut self.last,
+        };
         for &k in &changed {
             let i = b * self.rows.nodes[k] as usize;
             self.held[i..i + b].copy_from_slice(&held[i..i + b]);
             let spring = b * b * k..b * b * (k + 1);
-            self.springs[spring.clone()].copy_from_slice(&springs[spring]);
+            self.springs[spring.clone()].copy_from_slice(&springs[spring.clone()]);
+            self.rows.write(k, finest, held, &springs[spring]);
         }
-        let write = |matrix: &mut BlockMatrix| {
-            for &k in &changed {
-                self.rows
-                    .write(k, matrix, held, &springs[b * b * k..b * b * (k + 1)]);
-            }
-        };
-        match &mut self.finest {
-            Finest::Small(matrix) => {
-                write(matrix);
-                let made = Levels::new(Cow::Borrowed(matrix), about.clone(), None, stop)?;
-                self.multigrid.replace(made.list, made.coarsest);
-            }
-            Finest::Large(kept) => {
-                let mut levels = std::mem::take(&mut self.multigrid.levels);
-                levels.truncate(1);
-                let finest = levels
-                    .first_mut()
-                    .ok_or(failure("the finest level is missing"))?;
-                write(&mut kept.near);
-                let nodes: Vec<u32> = changed.iter().map(|&k| self.rows.nodes[k]).collect();
-                kept.follow(finest, &nodes, about, &self.held, stop)?;
-                kept.coarse.replace_dead(&kept.tentative.dead);
-                let next = kept.aggregates.coarse(about, kept.tentative.coarse.clone());
-                let below = Levels::new(Cow::Borrowed(&kept.coarse), next, None, stop)?;
-                kept.coarse.clear_dead(&kept.tentative.dead);
-                levels.extend(below.list);
-                self.multigrid.replace(levels, below.coarsest);
-            }
+        let nodes = changed.iter().map(|&k| self.rows.nodes[k]).collect();
+        let mut change = Change::at_finest(nodes, LevelMatrix::Whole(finest));
+        for (k, level) in self.multigrid.levels.iter_mut().enumerate() {
+            let (finer, rest) = self.kept.split_at_mut(k);
+            let Some((own, coarser)) = rest.split_first_mut() else {
+                break;
+            };
+            let next = match coarser.first_mut() {
+                Some(kept) => &mut kept.matrix,
+                None => &mut self.last,
+            };
+            let (motions, held) = match finer.last() {
+                Some(kept) => (&kept.tentative.coarse, None),
+                None => (&about.motions, Some(held)),
+            };
+            change = own.follow(level, next, &change, motions, held, stop)?;
         }
+        self.multigrid
+            .replace_coarsest(Coarsest::new(&self.last, stop)?);
         self.ready = true;
         Ok(())
     }
 
-    /// The nodes whose motions an update reads; `None` if it may be all.
-    pub fn nodes_read(&self) -> Option<&[bool]> {
-        match &self.finest {
-            Finest::Small(_) => None,
-            Finest::Large(kept) => Some(&kept.read),
-        }
+    /// The nodes whose motions an update reads.
+    pub fn nodes_read(&self) -> &[bool] {
+        &self.read
     }
 
     /// `x ≈ A⁻¹ b`, as [`Multigrid::apply`], with a smoother of this degree.
@@ -186,70 +183,95 @@ impl Following {
 
     /// Memory of all levels, and of what the next change needs.
     pub fn bytes(&self) -> usize {
-        let finest = match &self.finest {
-            Finest::Small(matrix) => matrix.bytes(),
-            Finest::Large(kept) => {
-                let matrices = kept.coarse.bytes() + kept.near.bytes();
-                matrices + kept.tentative.bytes() + kept.aggregates.bytes() + kept.read.len()
-            }
-        };
-        self.multigrid.bytes() + self.rows.bytes() + 8 * self.springs.len() + finest
+        let kept = self.kept.iter().map(Kept::bytes).sum::<usize>() + self.last.bytes();
+        let own = self.rows.bytes() + 8 * self.springs.len() + self.read.len();
+        self.multigrid.bytes() + own + kept
     }
 }
 
 impl Kept {
-    /// Computes anew what depends on the rows of `nodes`, which the matrix has already.
+    /// Computes anew what depends on a change, which the matrix has already: all but the `next`
+    /// matrix, whose change is returned, of this level. `motions` are those of its nodes; without
+    /// `held`, unknowns are those that the matrix holds.
     fn follow(
         &mut self,
-        finest: &mut Level,
-        nodes: &[u32],
-        about: &LevelNodes,
-        held: &[bool],
+        level: &mut Level,
+        next: &mut BlockMatrix,
+        change: &Change,
+        motions: &[f64],
+        held: Option<&[bool]>,
         stop: &AtomicBool,
-    ) -> Result<(), Error> {
-        let (b, near) = (self.near.b, &self.near);
-        for &i in nodes {
-            let own = i as usize * b * b;
-            let inverse = &mut finest.inverse[own..own + b * b];
-            if !invert_node(near.diagonal_block(i as usize), inverse) {
+    ) -> Result<Change, Error> {
+        running(stop)?;
+        let (b, own) = (self.matrix.b, &self.matrix);
+        for &i in &change.nodes {
+            let at = i as usize * b * b;
+            let inverse = &mut level.inverse[at..at + b * b];
+            if !invert_node(own.diagonal_block(i as usize), inverse) {
                 return Err(failure("a diagonal entry is not positive, or not finite"));
             }
         }
-        let matrix = LevelMatrix::Whole(near);
-        let reached = reach(nodes, &self.aggregates, matrix, &finest.p);
+        let matrix = LevelMatrix::Whole(own);
+        let reached = reach(change, &self.aggregates, matrix, &level.p);
         self.tentative.update(
             &reached.aggregates,
             &self.aggregates,
-            &about.motions,
-            held,
+            motions,
+            held.unwrap_or(&own.held),
             b,
         );
-        running(stop)?;
         let of = Smoothed {
             matrix,
-            inverse: &finest.inverse,
+            inverse: &level.inverse,
             aggregates: &self.aggregates,
             tentative: &self.tentative,
-            about,
-            omega: omega(finest.spectrum),
+            motions,
+            omega: omega(level.spectrum),
         };
-        finest.p.smooth(&of, Some(&reached.rows));
+        level.p.smooth(&of, Some(&reached.rows));
         running(stop)?;
-        galerkin::update(&mut self.coarse, matrix, &finest.p, &reached.coarse);
-        for &i in &reached.changed {
-            finest.matrix.copy_row(i as usize, near);
+        galerkin::update(next, matrix, &level.p, &reached.coarse);
+        next.replace_dead(&self.tentative.dead);
+        for &i in &change.rows {
+            level.matrix.copy_row(i as usize, own);
         }
-        running(stop)
+        let rows: Vec<u32> = (0..)
+            .zip(&reached.coarse)
+            .filter_map(|(g, &changed)| changed.then_some(g))
+            .collect();
+        Ok(Change {
+            nodes: rows.clone(),
+            rows,
+            moved: reached.aggregates,
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        self.matrix.bytes() + self.tentative.bytes() + self.aggregates.bytes()
     }
 }
 
-/// What the rows of some nodes determine.
+impl Change {
+    /// Of rows of the finest matrix, and of the columns that mirror them.
+    fn at_finest(nodes: Vec<u32>, matrix: LevelMatrix<'_>) -> Self {
+        let mut reached = Reached::new(matrix.nodes());
+        for &i in &nodes {
+            reached.add(i);
+        }
+        reached.spread(matrix);
+        Self {
+            moved: nodes.clone(),
+            nodes,
+            rows: reached.list,
+        }
+    }
+}
+
+/// What a change determines.
 struct Reach {
-    /// These nodes and their neighbours: rows that a change of a row and its mirror image changes.
-    changed: Vec<u32>,
     /// Aggregates whose motions change, ascending.
     aggregates: Vec<u32>,
-    /// Rows of `P` that change: of nodes beside a changed row of `T` or of `A`.
+    /// Rows of `P` that change: of nodes beside a changed row of `T`, or with one of `A`.
     rows: Vec<bool>,
     /// The nodes beside these, too: those whose motions they are made of.
     read: Vec<bool>,
@@ -258,12 +280,13 @@ struct Reach {
 }
 
 fn reach(
-    nodes: &[u32],
+    change: &Change,
     aggregates: &Aggregates,
     matrix: LevelMatrix<'_>,
     p: &Prolongation,
 ) -> Reach {
-    let mut which: Vec<u32> = nodes
+    let mut which: Vec<u32> = change
+        .moved
         .iter()
         .map(|&i| aggregates.of_node[i as usize])
         .filter(|&g| g != ABSENT)
@@ -271,19 +294,16 @@ fn reach(
     which.sort_unstable();
     which.dedup();
     let mut reached = Reached::new(matrix.nodes());
-    for &i in nodes {
-        reached.add(i);
-    }
-    reached.spread(matrix);
-    let changed = reached.list.clone();
-    let mut reached = Reached::new(matrix.nodes());
-    let members = which
+    for &i in which
         .iter()
-        .flat_map(|&g| aggregates.members_of(g as usize));
-    for &i in nodes.iter().chain(members) {
+        .flat_map(|&g| aggregates.members_of(g as usize))
+    {
         reached.add(i);
     }
     reached.spread(matrix);
+    for &i in &change.rows {
+        reached.add(i);
+    }
     let rows = reached.is.clone();
     reached.spread(matrix);
     let mut coarse = vec![false; aggregates.count()];
@@ -293,7 +313,6 @@ fn reach(
         }
     }
     Reach {
-        changed,
         aggregates: which,
         rows,
         read: reached.is,
@@ -305,9 +324,6 @@ impl Reach {
     /// The rows of the matrix that the new coarse rows are made of.
     fn needed(&self, p: &Prolongation) -> Vec<bool> {
         let mut needed = self.rows.clone();
-        for &i in &self.changed {
-            needed[i as usize] = true;
-        }
         for g in (0..self.coarse.len()).filter(|&g| self.coarse[g]) {
             for &[i, _] in p.coarse_row(g) {
                 needed[i as usize] = true;

@@ -1,12 +1,10 @@
 //! Set-up of the levels.
 
-use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::BlockMatrix;
-use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin::galerkin;
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
@@ -39,26 +37,34 @@ pub(super) fn omega(spectrum: f64) -> f64 {
     tuning::omega() / spectrum
 }
 
-/// What a level is made of, and the matrix of the next one.
+/// What a level is made of, but for its own form of the matrix.
 pub(super) struct Made {
     inverse: Vec<f32>,
     spectrum: f64,
     pub(super) p: Prolongation,
     pub(super) aggregates: Aggregates,
     pub(super) tentative: Tentative,
-    /// `Pᵀ A P`, with zeros for unknowns without a motion.
-    pub(super) coarse: BlockMatrix,
 }
 
 impl Made {
-    /// The level, the aggregates and `T`, and the matrix of the next level.
-    pub(super) fn level(self, matrix: ScaledBlocks) -> (Level, Aggregates, Tentative, BlockMatrix) {
+    /// The level, the aggregates and `T`.
+    pub(super) fn level(self, matrix: ScaledBlocks) -> (Level, Aggregates, Tentative) {
         let level = Level::new(matrix, self.inverse, self.spectrum, self.p);
-        (level, self.aggregates, self.tentative, self.coarse)
+        (level, self.aggregates, self.tentative)
     }
 }
 
-/// Makes all of a level but its own form of the matrix. The motions of `about` count as zero at `held` unknowns. `spectrum` is a bound
+/// What is left of the set-up of a level.
+#[derive(Debug)]
+pub(super) struct Kept {
+    /// The matrix of the level in single precision, or some rows.
+    pub(super) matrix: BlockMatrix,
+    pub(super) aggregates: Aggregates,
+    pub(super) tentative: Tentative,
+}
+
+/// Makes all of a level but its own form of the matrix, and the next matrix `Pᵀ A P`, with zeros
+/// for unknowns without a motion. The motions of `about` count as zero at `held` unknowns. `spectrum` is a bound
 /// of the eigenvalues of `D⁻¹ A`, if it is known.
 pub(super) fn level(
     matrix: LevelMatrix<'_>,
@@ -66,7 +72,7 @@ pub(super) fn level(
     held: &[bool],
     spectrum: Option<f64>,
     stop: &AtomicBool,
-) -> Result<Made, Error> {
+) -> Result<(Made, BlockMatrix), Error> {
     running(stop)?;
     let inverse = inverse_diagonal(matrix)
         .ok_or(failure("a diagonal entry is not positive, or not finite"))?;
@@ -95,65 +101,60 @@ pub(super) fn level(
         inverse: &inverse,
         aggregates: &aggregates,
         tentative: &tentative,
-        about,
+        motions: &about.motions,
         omega: omega(spectrum),
     };
     let p = Prolongation::new(&of, m);
     running(stop)?;
     let coarse = galerkin(matrix, &p);
-    Ok(Made {
+    let made = Made {
         inverse,
         spectrum,
         p,
         aggregates,
         tentative,
-        coarse,
-    })
+    };
+    Ok((made, coarse))
 }
 
-/// The levels of a matrix, and the factor of the last one.
-pub(super) struct Levels {
-    pub(super) list: Vec<Level>,
-    pub(super) coarsest: Coarsest,
-}
-
-impl Levels {
-    /// Makes levels until a dense factor is small; `spectrum` is that of the finest, if it is known.
-    pub(super) fn new(
-        finest: Cow<'_, BlockMatrix>,
-        mut about: LevelNodes,
-        mut spectrum: Option<f64>,
-        stop: &AtomicBool,
-    ) -> Result<Self, Error> {
-        let mut list = Vec::new();
-        let mut matrix = finest;
-        while matrix.b * matrix.nodes() > tuning::dense_unknowns() && list.len() < MOST_LEVELS {
-            let own = LevelMatrix::Whole(&matrix);
-            let made = level(own, &about, &matrix.held, spectrum.take(), stop)?;
-            let scaled = match matrix {
-                Cow::Borrowed(matrix) => ScaledBlocks::new(LevelMatrix::Whole(matrix)),
-                Cow::Owned(matrix) => ScaledBlocks::replace(matrix),
-            };
-            let (level, aggregates, tentative, mut coarse) = made.level(scaled);
-            coarse.replace_dead(&tentative.dead);
-            matrix = Cow::Owned(coarse);
-            about = aggregates.coarse(&about, tentative.coarse);
+/// Makes levels until a dense factor is small, and the matrix of this; `spectrum` is that of the
+/// finest, if it is known. `kept` gets what following needs of each level.
+pub(super) fn make_levels(
+    mut matrix: BlockMatrix,
+    mut about: LevelNodes,
+    mut spectrum: Option<f64>,
+    mut kept: Option<&mut Vec<Kept>>,
+    stop: &AtomicBool,
+) -> Result<(Vec<Level>, BlockMatrix), Error> {
+    let mut list = Vec::new();
+    while matrix.b * matrix.nodes() > tuning::dense_unknowns() && list.len() < MOST_LEVELS {
+        let own = LevelMatrix::Whole(&matrix);
+        let (made, mut coarse) = level(own, &about, &matrix.held, spectrum.take(), stop)?;
+        coarse.replace_dead(&made.tentative.dead);
+        about = made.aggregates.coarse(&about, &made.tentative);
+        if let Some(kept) = &mut kept {
+            let (level, aggregates, tentative) = made.level(ScaledBlocks::new(own));
             list.push(level);
+            kept.push(Kept {
+                matrix,
+                aggregates,
+                tentative,
+            });
+        } else {
+            list.push(made.level(ScaledBlocks::replace(matrix)).0);
         }
-        running(stop)?;
-        if matrix.b * matrix.nodes() > 4 * tuning::dense_unknowns() {
-            return Err(failure("the levels do not become coarser"));
-        }
-        Ok(Self {
-            list,
-            coarsest: Coarsest::new(&matrix, stop)?,
-        })
+        matrix = coarse;
     }
+    running(stop)?;
+    if matrix.b * matrix.nodes() > 4 * tuning::dense_unknowns() {
+        return Err(failure("the levels do not become coarser"));
+    }
+    Ok((list, matrix))
 }
 
 impl BlockMatrix {
-    /// Gives unknowns without a column of `T` the mean diagonal of their node: their rows and
-    /// columns are zero.
+    /// Gives unknowns without a column of `T` the largest diagonal of their node: their rows and
+    /// columns are zero, or were given it before.
     pub(super) fn replace_dead(&mut self, dead: &[bool]) {
         let b = self.b;
         let size = b * b;
@@ -167,15 +168,6 @@ impl BlockMatrix {
             for l in (0..b).filter(|&l| dead[l]) {
                 block[l * b + l] = if largest > 0.0 { largest } else { 1.0 };
             }
-        }
-    }
-
-    /// Undoes [`Self::replace_dead`].
-    pub(super) fn clear_dead(&mut self, dead: &[bool]) {
-        let size = self.b * self.b;
-        for (at, _) in dead.iter().enumerate().filter(|(_, dead)| **dead) {
-            let place = self.diagonal(at / self.b) * size + at % self.b * (self.b + 1);
-            self.values[place] = 0.0;
         }
     }
 }

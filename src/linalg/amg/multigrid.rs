@@ -1,13 +1,12 @@
 //! The multigrid preconditioner: its levels and their use.
 
-use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::cycle::{CycleMemory, visit};
-use crate::linalg::amg::hierarchy::Levels;
+use crate::linalg::amg::hierarchy::make_levels;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::settings::CycleSettings;
@@ -52,8 +51,8 @@ impl Multigrid {
             *known |= new;
         }
         let mut whole = Self::empty(held.len(), matrix.exponent, settings);
-        let made = Levels::new(Cow::Owned(matrix), about, settings.spectrum, stop)?;
-        whole.replace(made.list, made.coarsest);
+        let (levels, last) = make_levels(matrix, about, settings.spectrum, None, stop)?;
+        whole.replace(levels, Coarsest::new(&last, stop)?);
         Ok(whole)
     }
 
@@ -82,6 +81,14 @@ impl Multigrid {
             })
             .collect();
         self.levels = levels;
+        self.coarsest = coarsest;
+    }
+
+    /// Takes another factor of the coarsest level.
+    pub(super) fn replace_coarsest(&mut self, coarsest: Coarsest) {
+        if let Some(work) = self.work.last_mut() {
+            *work = CycleMemory::new(coarsest.unknowns());
+        }
         self.coarsest = coarsest;
     }
 

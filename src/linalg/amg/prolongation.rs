@@ -9,7 +9,6 @@ use std::ops::Range;
 
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
 use crate::linalg::amg::block_matrix::{ABSENT, PADDING, ROWS, cut};
-use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::single_rows::LevelMatrix;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::symmetric_blocks::part_rows;
@@ -151,8 +150,8 @@ pub(super) struct Smoothed<'a> {
     pub(super) inverse: &'a [f32],
     pub(super) aggregates: &'a Aggregates,
     pub(super) tentative: &'a Tentative,
-    /// The nodes of the fine level.
-    pub(super) about: &'a LevelNodes,
+    /// The near-null vectors of the fine level.
+    pub(super) motions: &'a [f64],
     /// `ω`, relative to the diagonal blocks.
     pub(super) omega: f64,
 }
@@ -244,7 +243,7 @@ impl<const B: usize> WideWork for SizedProlongationRows<'_, B> {
                 }
                 let block = &loaded[(at - skipped) * B * B..][..B * B];
                 let rows = if weak {
-                    &tentative.extended(aggregate, j, &of.about.motions)
+                    &tentative.extended(aggregate, j, of.motions)
                 } else {
                     &of_members[place[j] as usize]
                 };
