@@ -3,7 +3,8 @@
 
 use std::ops::Range;
 
-use crate::linalg::amg::avx512::rows;
+use crate::linalg::amg::avx2;
+use crate::linalg::amg::avx512;
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
 use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::wide::{WideWork, widest};
@@ -141,16 +142,22 @@ fn run_of<A: Blocks, const B: usize, const L: usize, const R: usize>(
     mut then: impl Finish,
 ) {
     let first = nodes.start;
-    let finish = |i, product: &[f32; B]| then.finish::<true>(i, i - first, product);
-    let wide = |scaled| rows::<B, R>(scaled, x, nodes.clone(), finish);
-    if !matrix.scaled().is_some_and(wide) {
-        widest(KernelRows::<_, _, B, L> {
-            matrix,
-            nodes,
-            x,
-            then,
-        });
+    if let Some(scaled) = matrix.scaled() {
+        let finish = |i, product: &[f32; B]| then.finish::<true>(i, i - first, product);
+        if avx512::rows::<B, R>(scaled, x, nodes.clone(), finish) {
+            return;
+        }
+        let finish = |i, product: &[f32; B]| then.finish::<true>(i, i - first, product);
+        if avx2::rows(scaled, x, nodes.clone(), finish) {
+            return;
+        }
     }
+    widest(KernelRows::<_, _, B, L> {
+        matrix,
+        nodes,
+        x,
+        then,
+    });
 }
 
 struct Store<'a> {
@@ -334,7 +341,7 @@ pub(super) fn first_step(
 
 #[cfg(test)]
 mod tests {
-    use super::{KernelRows, ScaledBlocks, Store, run, widest};
+    use super::{KernelRows, ScaledBlocks, Store, avx2, avx512, widest};
     use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING};
     use crate::linalg::random_signs::random_signs;
     use crate::linalg::real::Real as _;
@@ -349,7 +356,7 @@ mod tests {
     }
 
     /// Rows of none to eight blocks, an even and an odd number, with the last column.
-    fn compare<const B: usize, const L: usize>() {
+    fn compare<const B: usize, const L: usize, const R: usize>() {
         let nodes = 40;
         let (mut start, mut column) = (vec![0], Vec::new());
         for i in 0..nodes {
@@ -368,23 +375,30 @@ mod tests {
             exponent: 0,
         });
         let (x, rows) = (&numbers(nodes as usize * B, 2)[..], 0..nodes as usize);
-        let (mut chosen, mut portable) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-        run(&matrix, x, rows.clone(), Store { y: &mut chosen });
+        let mut portable = vec![0.0; x.len()];
         widest(KernelRows::<_, _, B, L> {
             matrix: &matrix,
-            nodes: rows,
+            nodes: rows.clone(),
             x,
             then: Store { y: &mut portable },
         });
         assert!(portable.iter().filter(|&&y| y != 0.0).count() > x.len() / 2);
-        let bits = |y: Vec<f32>| y.into_iter().map(f32::to_bits).collect::<Vec<_>>();
-        assert_eq!(bits(chosen), bits(portable));
+        let bits = |y: &[f32]| y.iter().copied().map(f32::to_bits).collect::<Vec<_>>();
+        let mut y = vec![0.0; x.len()];
+        let finish = |i: usize, product: &[f32; B]| y[B * i..][..B].copy_from_slice(product);
+        if avx512::rows::<B, R>(&matrix, x, rows.clone(), finish) {
+            assert_eq!(bits(&y), bits(&portable));
+        }
+        let finish = |i: usize, product: &[f32; B]| y[B * i..][..B].copy_from_slice(product);
+        if avx2::rows(&matrix, x, rows, finish) {
+            assert_eq!(bits(&y), bits(&portable));
+        }
     }
 
     #[test]
     fn registers_do_not_change_bits() {
-        compare::<2, 4>();
-        compare::<3, 4>();
-        compare::<6, 8>();
+        compare::<2, 4, 1>();
+        compare::<3, 4, 1>();
+        compare::<6, 8, 3>();
     }
 }

@@ -18,6 +18,7 @@
 //! number ([`scaled_blocks`]): it only preconditions.
 
 mod aggregates;
+mod avx2;
 mod avx512;
 pub mod block_matrix;
 mod block_rows;

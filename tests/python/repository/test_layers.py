@@ -23,6 +23,7 @@ RUST_NAMES = {
     "pyo3": ("python/",),
     "numpy": ("python/",),
     "unsafe": (
+        "linalg/amg/avx2.rs",
         "linalg/amg/avx512.rs",
         "linalg/amg/wide.rs",
         "linalg/dense/kernels.rs",
