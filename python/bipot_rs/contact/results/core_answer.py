@@ -18,9 +18,8 @@ _OUTCOMES = {outcome.value: outcome for outcome in Outcome}
 
 def make_solution(core: _core.ReducedSolution, **about: object) -> Solution:
     """A `Solution`; ``about`` are its other fields."""
-    fields = _fields(core)
-    fields.update(about, computed=Computed())
-    return make(Solution, fields)
+    # Without `__init__`: its defaults are those of the class.
+    return make(Solution, _fields(core, computed=object.__new__(Computed), **about))
 
 
 def make_step(core: _core.LoadStep) -> Step:
@@ -32,7 +31,7 @@ def make_step(core: _core.LoadStep) -> Step:
         "working_set": core.working_set,
         "working_motion": core.working_motion,
     }
-    return make(Step, _fields(core.solution) | fields)
+    return make(Step, _fields(core.solution, **fields))
 
 
 def make_newton_step(core: _core.NewtonStep, displacement: Floats, kind: type[S]) -> S:
@@ -40,8 +39,10 @@ def make_newton_step(core: _core.NewtonStep, displacement: Floats, kind: type[S]
 
     ``kind`` is its class.
     """
+    fields = _fields(core.solution)
+    fields["stats"] |= {"newton": core.newton, "krylov": core.krylov}
     return kind(
-        **_fields(core.solution, newton=core.newton, krylov=core.krylov),
+        **fields,
         slip=core.slip,
         opened=core.solution.opened,
         computed=Computed(displacement, error_estimate=core.error_estimate),
@@ -56,8 +57,8 @@ def find_opening(outcome: str, mu: Floats) -> Floats:
     return mu if outcome == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
 
 
-def _fields(core: _core.ReducedSolution, **counts: int) -> OpenRecord:
-    """Fields of a `Solution`; ``counts`` are entries of its ``stats``."""
+def _fields(core: _core.ReducedSolution, **about: object) -> OpenRecord:
+    """Fields of a `Solution`; ``about`` are others."""
     sequence = None
     if core.minimising_sequence is not None:
         from bipot_rs.contact.results.error_bound import read_sequence
@@ -78,6 +79,7 @@ def _fields(core: _core.ReducedSolution, **counts: int) -> OpenRecord:
         "bipotential_gap": core.bipotential_gap,
         "minimising_sequence": sequence,
         "seconds": core.seconds,
-        "stats": {"bytes_beside_W": core.bytes_beside, **counts},
+        "stats": {"bytes_beside_W": core.bytes_beside},
         "statuses_tried": core.statuses_tried,
+        **about,
     }
