@@ -107,6 +107,7 @@ def scaled(difference: Any, K: Any) -> float:
 @pytest.mark.parametrize("material", [STEEL, WOOD], ids=["isotropic", "orthotropic"])
 @pytest.mark.parametrize("moved", [0.0, 1.0])
 @pytest.mark.parametrize("vtk", KINDS)
+@pytest.mark.slow_variants("*hexahedron27*")
 def test_stiffness_is_that_of_scikit_fem(
     vtk: str, moved: float, material: Elastic
 ) -> None:

@@ -419,7 +419,7 @@ def test_a_coarse_facet_on_a_fine_mesh(
 def test_boxes_side_by_side_are_those_of_comparing_all(d: int) -> None:
     """Boxes of many sizes, with duplicates, of one or many slave facets; each pair once."""
     rng, met = np.random.default_rng(5), 0
-    for _ in range(100):
+    for _ in range(40):
         count = int(rng.integers(0, 300))
         middle = rng.normal(size=(count, d)) * 10 ** rng.uniform(-3, 3)
         wide = np.abs(middle).max(initial=0.0) * 10 ** rng.uniform(-4, 0, (count, d))
@@ -433,7 +433,7 @@ def test_boxes_side_by_side_are_those_of_comparing_all(d: int) -> None:
         portions += map(np.column_stack, polygons.find_overlapping_boxes(s, corners))
         assert sorted(np.concatenate(portions).tolist()) == expected
         met += len(expected)
-    assert met > 10_000
+    assert met > 4_000
 
 
 @pytest.mark.slow
