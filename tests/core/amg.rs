@@ -365,6 +365,8 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
     let settings = CycleSettings::default();
     for grid in [
         Grid::cube(13),
+        // With a level between the finest and the coarsest.
+        Grid::cube(18),
         Grid::square(40),
         Grid {
             order: 2,
