@@ -11,6 +11,7 @@ pub mod reduced;
 pub mod residual;
 pub mod rigid_motions;
 pub mod rotation;
+mod rounding;
 pub mod runaway;
 mod tuning;
 pub mod validate;

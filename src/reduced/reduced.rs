@@ -441,6 +441,12 @@ impl<const D: usize> Scaling<D> {
         norm(v.as_flattened())
     }
 
+    /// `‖v̂‖` of a displacement.
+    pub fn displacement_norm(&self, v: &[[f64; D]]) -> f64 {
+        let rows = v.iter().zip(&self.to_v);
+        norm(&rows.flat_map(|(v, s)| v.map(|c| c * s)).collect::<Vec<_>>())
+    }
+
     /// `‖r̂‖` of a reaction.
     pub fn reaction_norm(&self, r: &[[f64; D]]) -> f64 {
         let (mut squares, mut largest) = (0.0, 0.0_f64);
