@@ -12,6 +12,5 @@ pub mod residual;
 pub mod rigid_motions;
 pub mod rotation;
 mod rounding;
-pub mod runaway;
 mod tuning;
 pub mod validate;

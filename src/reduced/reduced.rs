@@ -128,6 +128,12 @@ impl<'a, const D: usize> Reduced<'a, D> {
         self.q.len()
     }
 
+    /// Whether only rigid motions displace the contacts.
+    pub fn moves_rigidly(&self) -> bool {
+        !self.rigid.modes.is_empty()
+            && (0..self.contacts()).all(|i| self.compliance.block(i).amax() == 0.0)
+    }
+
     /// [`Compliance::whole`]; with many rigid motions the matrix `(W, R̂; R̂ᵀ, 0)`, its motions in
     /// blocks of `D` after the contacts.
     pub fn whole(&self) -> Result<Option<&Whole<D>>, Error> {

@@ -16,7 +16,7 @@
 //! | `penetration` | 10 t | penetration with a large μ: in η a sliding contact counts only `v_n/√(1 + μ²)` |
 //! | `apart` | 10 tol | a contact that is open and pressed, which a large μ hides in the same way |
 //!
-//! Normals are measured in scales of their own ([`Normals`]).
+//! Normals are measured in scales of their own (`Normals`).
 
 use std::borrow::Cow;
 

@@ -14,12 +14,6 @@ fitted! {
     sparse_contacts: usize = 64;
     sparse_share: usize = 6;
 
-    // runaway.rs
-    /// A body slides away if its rigid motion is this many times its deformation.
-    runaway_motion: f64 = 30.0;
-    /// The iteration finds that motion inexactly: it may penetrate a contact by this share.
-    runaway_penetration: f64 = 1e-3;
-
     // best_motion.rs
     /// Factor from one threshold to the next, below the ten by which η may exceed the least.
     next_threshold: f64 = 3.0;

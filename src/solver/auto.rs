@@ -22,7 +22,6 @@
 //!
 //! Decisions count work in products with `W`, not time, so that runs repeat bit for bit.
 
-use crate::equilibrium::decide::Verdict;
 use crate::reduced::reduced::Reduced;
 use crate::solver::associated;
 use crate::solver::at_rest;
@@ -33,7 +32,7 @@ use crate::solver::interior;
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::compliance_form::Solved;
 use crate::solver::newton::newton;
-use crate::solver::outcome::{Ended, Outcome};
+use crate::solver::outcome::Ended;
 use crate::solver::proximal;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
@@ -103,7 +102,8 @@ pub fn run<const D: usize>(
             }
         }
         if floats && round == 1 {
-            ask_statics(problem, monitor)?;
+            // Without balanced reactions each further round would be in vain.
+            let _ = at_rest::ask(problem, monitor, monitor.seconds_left())?;
         }
         chain.end_round();
     }
@@ -272,18 +272,6 @@ impl<'p, const D: usize> Chain<'p, D> {
     }
 }
 
-/// Ends the method if no reactions balance the loads: each further round would try to.
-fn ask_statics<const D: usize>(
-    problem: &Reduced<D>,
-    monitor: &mut Monitor<D>,
-) -> Result<(), Ended> {
-    let decision = at_rest::ask(problem, monitor.stop(), monitor.seconds_left())?;
-    if decision.verdict == Verdict::None {
-        return Err(monitor.refuse(decision.motion));
-    }
-    Ok(())
-}
-
 /// Tries all statuses of a few plane contacts: a solution or a proof that there is none ends the
 /// method.
 fn try_statuses<const D: usize>(
@@ -294,12 +282,10 @@ fn try_statuses<const D: usize>(
         return Ok(());
     };
     if few.proves_none(problem) {
-        return Err(Ended::Stopped(Outcome::NoEquilibrium));
+        return Err(monitor.exhaust_statuses());
     }
     for (r, rigid) in few.answers {
-        let v = problem.relative_displacement(&r, &rigid);
-        monitor.count(1.0);
-        let _ = monitor.look(&r, &v, &rigid, true)?;
+        monitor.look_at(&r, &rigid, true)?;
     }
     Ok(())
 }

@@ -21,26 +21,8 @@ pub(super) fn may_hide_openings<const D: usize>(problem: &Reduced<D>, tol: f64) 
     !problem.rigid.modes.is_empty() && largest * tuning::visible_pressure() * tol >= 1.0
 }
 
-/// Withdraws a solution if trying all statuses of a few contacts proves that there is none.
-pub(super) fn withdraw_if_none<const D: usize>(
-    problem: &Reduced<D>,
-    solution: &mut Solution<D>,
-    stop: &AtomicBool,
-) -> Result<(), Error> {
-    if problem.contacts() > tuning::quick_contacts() {
-        return Ok(());
-    }
-    let started = Instant::now();
-    if enumerate::few(problem, stop)?.is_some_and(|found| found.proves_none(problem)) {
-        solution.outcome = Outcome::NoEquilibrium;
-        solution.statuses_tried = enumerate::statuses(&problem.law);
-    }
-    solution.seconds += started.elapsed().as_secs_f64();
-    Ok(())
-}
-
-/// Tries all statuses of a few contacts if every method has stalled. It finds a solution or
-/// proves that there is none.
+/// Tries all statuses of a few contacts: withdraws a solution if this proves that there is none, and
+/// finds one where a method has stalled.
 pub(super) fn try_statuses<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
@@ -48,23 +30,23 @@ pub(super) fn try_statuses<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<(), Error> {
     let started = Instant::now();
-    if settings.max_seconds.is_finite() && problem.contacts() > tuning::quick_contacts() {
-        return Ok(());
-    }
-    let Some(found) = enumerate::few(problem, stop)? else {
+    let Some(few) = enumerate::few(problem, stop)? else {
         return Ok(());
     };
     solution.seconds += started.elapsed().as_secs_f64();
-    if found.proves_none(problem) {
+    if few.proves_none(problem) {
         solution.outcome = Outcome::NoEquilibrium;
         solution.statuses_tried = enumerate::statuses(&problem.law);
     }
-    for (r, rigid) in found.answers {
+    if solution.outcome != Outcome::Stalled {
+        return Ok(());
+    }
+    for (r, rigid) in few.answers {
         let certificate = Certificate::new(problem, &r, &rigid);
         if certificate.converged(settings.tol) {
             solution.put(problem, settings, &r, rigid, &certificate);
             solution.outcome = Outcome::Converged;
-            return Ok(());
+            break;
         }
     }
     Ok(())

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
+use crate::equilibrium::decide::Verdict;
 use crate::error::Error;
 use crate::law::bipotential::law_step;
 use crate::law::cone::{Status, project};
@@ -10,6 +11,7 @@ use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::{norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{self, Certificate};
+use crate::solver::enumerate;
 use crate::solver::outcome::{Ended, Outcome};
 use crate::solver::settings::Settings;
 use crate::solver::tuning;
@@ -80,7 +82,8 @@ pub struct Monitor<'p, const D: usize> {
     started: Instant,
     log: Log<D>,
     furthest_rigid: Vec<f64>,
-    free_motion: Vec<f64>,
+    /// Whether reactions balance the loads, if statics was asked.
+    statics: Option<Verdict>,
     best: f64,
     /// η when it last halved, and the iteration.
     halved: f64,
@@ -90,7 +93,6 @@ pub struct Monitor<'p, const D: usize> {
     floor: f64,
     /// η of the last point whose fresh evaluation failed.
     refuted: f64,
-    /// Whether only rigid motions displace the contacts.
     rigid: bool,
 }
 
@@ -101,6 +103,9 @@ pub struct Log<const D: usize> {
     pub best_rigid: Vec<f64>,
     /// That of the best point, if it has converged.
     pub certificate: Option<Certificate<D>>,
+    /// What proves that there is no equilibrium: a rigid motion, or so many statuses.
+    pub free_motion: Vec<f64>,
+    pub statuses_tried: u64,
     pub iterations: usize,
     pub work: f64,
     pub history: Vec<(f64, f64)>,
@@ -126,15 +131,14 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 ..Log::default()
             },
             furthest_rigid: Vec::new(),
-            free_motion: Vec::new(),
+            statics: None,
             best: f64::INFINITY,
             halved: f64::INFINITY,
             last_halved: 0,
             last_better: 0,
             floor: 0.0,
             refuted: f64::INFINITY,
-            rigid: !problem.rigid.modes.is_empty()
-                && (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0),
+            rigid: problem.moves_rigidly(),
         }
     }
 
@@ -164,6 +168,13 @@ impl<'p, const D: usize> Monitor<'p, D> {
     /// Counts products with `W`.
     pub fn count(&mut self, products: f64) {
         self.log.work += products;
+    }
+
+    /// [`Monitor::look`] with a `v` evaluated afresh.
+    pub fn look_at(&mut self, r: &[[f64; D]], a: &[f64], iterated: bool) -> Result<(), Ended> {
+        let v = self.problem.relative_displacement(r, a);
+        self.count(1.0);
+        self.look(r, &v, a, iterated).map(|_| ())
     }
 
     /// Checks the point `(r, a)` with its running `v`, after an iteration (`iterated`) or at
@@ -276,15 +287,26 @@ impl<'p, const D: usize> Monitor<'p, D> {
         &self.furthest_rigid
     }
 
-    /// Keeps the rigid motion that proves that there is no equilibrium.
-    pub fn refuse(&mut self, motion: Vec<f64>) -> Ended {
-        self.free_motion = motion;
-        Ended::Stopped(Outcome::NoEquilibrium)
+    /// Takes the verdict of statics; ends the solve if this motion proves that no reactions balance
+    /// the loads.
+    pub fn take_verdict(&mut self, verdict: Verdict, motion: Vec<f64>) -> Result<(), Ended> {
+        self.statics = Some(verdict);
+        if verdict != Verdict::None {
+            return Ok(());
+        }
+        self.log.free_motion = motion;
+        Err(Ended::Stopped(Outcome::NoEquilibrium))
     }
 
-    /// The motion of [`Monitor::refuse`]; empty without one.
-    pub fn free_motion(&self) -> &[f64] {
-        &self.free_motion
+    /// Whether statics has found reactions that balance the loads.
+    pub fn balanced(&self) -> bool {
+        self.statics == Some(Verdict::Balanced)
+    }
+
+    /// Ends the solve: no statuses of the contacts are a solution.
+    pub fn exhaust_statuses(&mut self) -> Ended {
+        self.log.statuses_tried = enumerate::statuses(&self.problem.law);
+        Ended::Stopped(Outcome::NoEquilibrium)
     }
 
     /// The time that is left.

@@ -35,6 +35,15 @@ pub enum Ended {
     Failed(Error),
 }
 
+/// The outcome of a method.
+pub fn outcome_of(ended: Result<(), Ended>) -> Result<Outcome, Error> {
+    match ended {
+        Ok(()) => Ok(Outcome::Stalled),
+        Err(Ended::Stopped(outcome)) => Ok(outcome),
+        Err(Ended::Failed(error)) => Err(error),
+    }
+}
+
 impl From<Error> for Ended {
     fn from(error: Error) -> Self {
         Self::Failed(error)

@@ -59,10 +59,13 @@ pub(super) fn finish<const D: usize>(
         .unwrap_or_else(|| Certificate::new(problem, &log.best_reaction, &log.best_rigid));
     let mut solution = Solution {
         outcome: match (certificate.converged(settings.tol), outcome) {
+            (_, Outcome::NoEquilibrium) => outcome, // it was proved
             (true, _) => Outcome::Converged,
             (false, Outcome::Converged) => Outcome::Stalled,
-            (false, other) => other,
+            (false, _) => outcome,
         },
+        free_motion: log.free_motion,
+        statuses_tried: log.statuses_tried,
         iterations: log.iterations,
         work: log.work,
         history: log.history,

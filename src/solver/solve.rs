@@ -2,21 +2,18 @@
 
 use std::sync::atomic::AtomicBool;
 
-use crate::equilibrium::decide::Verdict;
 use crate::error::Error;
 use crate::law::cone::project;
 use crate::reduced::existence::is_contradiction;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
-use crate::reduced::runaway::runaway;
 use crate::solver::at_rest;
 use crate::solver::auto;
-use crate::solver::enumerate;
-use crate::solver::fallback::{may_hide_openings, try_statuses, withdraw_if_none};
+use crate::solver::fallback::{may_hide_openings, try_statuses};
 use crate::solver::gauss_seidel;
 use crate::solver::monitor::{Monitor, Progress};
 use crate::solver::newton::newton;
-use crate::solver::outcome::{Ended, Outcome};
+use crate::solver::outcome::{Ended, Outcome, outcome_of};
 use crate::solver::paper::multipliers::{self, LAGRANGIAN, RETURN};
 use crate::solver::paper::pivoting;
 use crate::solver::paper::principles::alternating_principles;
@@ -28,9 +25,6 @@ use crate::solver::paper::uzawa::{self, Variant};
 use crate::solver::settings::{Method, Settings, Start};
 use crate::solver::solution::{Solution, finish};
 use crate::solver::tuning;
-
-/// Statics has at least this time, whatever limit a method has reached.
-const LEAST_SECONDS: f64 = 2.0;
 
 /// Solves the reduced problem.
 ///
@@ -75,56 +69,27 @@ pub fn solve_watched<const D: usize>(
         shift(&mut solution.rigid_motion, 1.0, motion);
         return Ok(solution);
     }
-    let mut balanced = false;
-    let opening = if let Some(motion) = &resting {
-        match rest(problem, start, motion, &mut monitor)? {
-            Rest::Moves(motion) => return Ok(refuse(problem, settings, monitor, motion)),
-            Rest::Answer => {
-                return Ok(finish(problem, settings, monitor, Outcome::Converged));
-            }
-            Rest::Start(start) => {
-                balanced = start.is_some();
-                start
-            }
-        }
-    } else {
-        if !auto
-            && !problem.rigid.modes.is_empty()
-            && let Some(motion) = find_free_fall(problem, settings, stop)?
-        {
-            return Ok(refuse(problem, settings, monitor, motion));
-        }
-        bilateral_start(problem, start, &mut monitor)?
-    };
-    let start = opening.as_ref().unwrap_or(start);
     let mut sequence = Sequence::default();
-    let ended = run_method(problem, settings.method, start, &mut monitor, &mut sequence);
-    let outcome = match ended {
-        Ok(()) => Outcome::Stalled,
-        Err(Ended::Stopped(outcome)) => outcome,
-        Err(Ended::Failed(error)) => return Err(error),
-    };
-    let furthest = monitor.furthest_rigid().to_vec();
-    let unasked = auto && resting.is_none() && !problem.rigid.modes.is_empty();
+    let ended = run_from(problem, settings, (start, &resting), &mut monitor, &mut sequence);
+    let mut outcome = outcome_of(ended)?;
+    let is_open = |outcome| !matches!(outcome, Outcome::Converged | Outcome::NoEquilibrium);
+    let unasked = auto && resting.is_none() && !monitor.balanced();
     if unasked
-        && !matches!(outcome, Outcome::Converged | Outcome::NoEquilibrium)
-        && let Some(motion) = find_free_fall(problem, settings, stop)?
+        && is_open(outcome)
+        && !problem.rigid.modes.is_empty()
+        && let Err(ended) = at_rest::ask(problem, &mut monitor, seconds_of_statics(settings))
     {
-        return Ok(refuse(problem, settings, monitor, motion));
+        outcome = outcome_of(Err(ended))?;
     }
-    let free_motion = monitor.free_motion().to_vec();
+    let furthest = monitor.furthest_rigid().to_vec();
+    // Then reactions exist. With a compliance a balance is necessary only.
+    let held = monitor.balanced() && problem.moves_rigidly();
     let mut solution = finish(problem, settings, monitor, outcome);
     if settings.method == Method::MinimisingSequence {
         solution.sequence = Some(sequence.scattered(problem.compliance));
     }
-    if solution.outcome == Outcome::NoEquilibrium && !free_motion.is_empty() {
-        solution.free_motion = free_motion;
-    } else if solution.outcome == Outcome::NoEquilibrium {
-        // Without a motion, a method gives this outcome only after it has tried all statuses.
-        solution.statuses_tried = enumerate::statuses(&problem.law);
-    }
-    if solution.outcome == Outcome::Converged && may_hide_openings(problem, settings.tol) {
-        withdraw_if_none(problem, &mut solution, stop)?;
+    if resting.is_some() && solution.iterations == 0 {
+        return Ok(solution); // nothing moves
     }
     // A point that converged only within the rounding floor may have reactions that grew
     // between walls until their rounding hides the overlap.
@@ -136,19 +101,25 @@ pub fn solve_watched<const D: usize>(
     if doubted && is_contradiction(problem, &problem.compliance.gather(&pressures)) {
         solution.outcome = Outcome::NoEquilibrium;
     }
-    if auto && solution.outcome == Outcome::Stalled {
+    let quick = problem.contacts() <= tuning::quick_contacts();
+    let tries = match solution.outcome {
+        Outcome::Converged => quick && may_hide_openings(problem, settings.tol),
+        Outcome::Stalled => auto && (quick || settings.max_seconds.is_infinite()),
+        _ => false,
+    };
+    if tries {
         try_statuses(problem, settings, &mut solution, stop)?;
     }
-    let open = !matches!(
-        solution.outcome,
-        Outcome::Converged | Outcome::NoEquilibrium
-    );
-    // Bodies whose weights the contacts can carry at rest do not slide away.
-    if open && !furthest.is_empty() && !balanced {
+    if is_open(solution.outcome) && !furthest.is_empty() && !held {
         let r = problem.compliance.gather(&solution.reaction);
-        solution.free_motion = runaway(problem, &r, &furthest).unwrap_or_default();
+        solution.free_motion = at_rest::runaway(problem, &r, &furthest).unwrap_or_default();
     }
     Ok(solution)
+}
+
+/// The time of statics, whatever limit a method has reached.
+fn seconds_of_statics(settings: &Settings) -> f64 {
+    settings.max_seconds.max(2.0)
 }
 
 /// `a ← a + sign · offset`.
@@ -158,85 +129,24 @@ fn shift(a: &mut [f64], sign: f64, offset: &[f64]) {
     }
 }
 
-/// A motion that proves that no reactions balance the loads, if there is one.
-fn find_free_fall<const D: usize>(
+/// Finds a start, and calls the method.
+fn run_from<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
-    stop: &AtomicBool,
-) -> Result<Option<Vec<f64>>, Error> {
-    let decision = at_rest::ask(problem, stop, settings.max_seconds.max(LEAST_SECONDS))?;
-    Ok((decision.verdict == Verdict::None).then_some(decision.motion))
-}
-
-/// What statics says of bodies that nothing deforms.
-enum Rest<const D: usize> {
-    /// No reactions balance the loads, by this motion.
-    Moves(Vec<f64>),
-    /// The monitor has the solution.
-    Answer,
-    /// Reactions that are balanced, but not to the tolerance.
-    Start(Option<Start<D>>),
-}
-
-/// Looks for a solution without any motion of contacts: the start, if it is one, or the balanced
-/// reactions.
-fn rest<const D: usize>(
-    problem: &Reduced<D>,
-    start: &Start<D>,
-    motion: &[f64],
+    (start, resting): (&Start<D>, &Option<Vec<f64>>),
     monitor: &mut Monitor<D>,
-) -> Result<Rest<D>, Error> {
-    if !start.reaction.is_empty() {
-        let given = (start.rigid.len() == motion.len()).then_some(start.rigid.as_slice());
-        if is_answer(problem, &start.reaction, given.unwrap_or(motion), monitor)? {
-            return Ok(Rest::Answer);
-        }
+    sequence: &mut Sequence<D>,
+) -> Result<(), Ended> {
+    let floats = !problem.rigid.modes.is_empty();
+    if settings.method != Method::Auto && floats {
+        let _ = at_rest::ask(problem, monitor, seconds_of_statics(settings))?;
     }
-    let decision = at_rest::ask(problem, monitor.stop(), monitor.seconds_left())?;
-    match decision.verdict {
-        Verdict::None => Ok(Rest::Moves(decision.motion)),
-        Verdict::Undecided => Ok(Rest::Start(None)),
-        Verdict::Balanced => {
-            let reaction = decision.reaction.as_chunks::<D>().0.to_vec();
-            if is_answer(problem, &reaction, motion, monitor)? {
-                return Ok(Rest::Answer);
-            }
-            Ok(Rest::Start(Some(Start {
-                reaction,
-                rigid: motion.to_vec(),
-                closed: start.closed.clone(),
-            })))
-        }
-    }
-}
-
-/// Shows a point to the monitor, and tells whether it is a solution.
-fn is_answer<const D: usize>(
-    problem: &Reduced<D>,
-    r: &[[f64; D]],
-    a: &[f64],
-    monitor: &mut Monitor<D>,
-) -> Result<bool, Error> {
-    let v = problem.relative_displacement(r, a);
-    monitor.count(1.0);
-    match monitor.look(r, &v, a, false) {
-        Err(Ended::Failed(error)) => Err(error),
-        Err(Ended::Stopped(outcome)) => Ok(outcome == Outcome::Converged),
-        Ok(_) => Ok(false),
-    }
-}
-
-/// The result if a rigid motion proves that there is no equilibrium.
-fn refuse<const D: usize>(
-    problem: &Reduced<D>,
-    settings: &Settings,
-    monitor: Monitor<D>,
-    motion: Vec<f64>,
-) -> Solution<D> {
-    let mut nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
-    nothing.outcome = Outcome::NoEquilibrium;
-    nothing.free_motion = motion;
-    nothing
+    let opening = match resting {
+        Some(motion) => at_rest::rest(problem, start, motion.clone(), monitor)?,
+        None => bilateral_start(problem, start, monitor)?,
+    };
+    let start = opening.as_ref().unwrap_or(start);
+    run_method(problem, settings.method, start, monitor, sequence)
 }
 
 /// Calls the method.
@@ -306,6 +216,6 @@ pub fn certify<const D: usize>(
 ) -> Result<Solution<D>, Error> {
     let progress = Progress::default();
     let mut monitor = Monitor::new(problem, settings, stop, &progress);
-    let _ = is_answer(problem, r, a, &mut monitor)?;
+    let _ = outcome_of(monitor.look_at(r, a, false))?;
     Ok(finish(problem, settings, monitor, Outcome::Stalled))
 }

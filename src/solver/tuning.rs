@@ -35,6 +35,12 @@ fitted! {
     /// Half, twice: −0.2 %, +0.8 %.
     trusted_start: f64 = 0.5;
 
+    // at_rest.rs
+    /// A body slides away if its rigid motion is this many times its deformation.
+    runaway_motion: f64 = 30.0;
+    /// The iteration finds that motion inexactly: it may penetrate a contact by this share.
+    runaway_penetration: f64 = 1e-3;
+
     // fallback.rs
     /// With at most this many contacts, all statuses are tried in milliseconds.
     quick_contacts: usize = 7;
