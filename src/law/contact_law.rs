@@ -62,6 +62,15 @@ impl ContactLaw {
         v[0] - self.dilatancy * tangential_norm(v)
     }
 
+    /// The distance of a reaction from the border of the set of all; negative outside.
+    pub fn depth<const D: usize>(&self, r: &[f64; D]) -> f64 {
+        if !self.has_friction() {
+            return r[0];
+        }
+        let of_friction = (self.limit(r[0]) - tangential_norm(r)) / self.mu.hypot(1.0);
+        r[0].min(of_friction)
+    }
+
     /// The law of `to_r r`. In these variables a larger cohesion is never reached.
     pub fn scaled(self, to_r: f64) -> Self {
         Self {

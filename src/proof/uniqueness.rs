@@ -7,7 +7,6 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
-use crate::linalg::small::tangential_norm;
 use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
 use crate::proof::monotonicity::{KnownSlip, Monotonicity, Units, Weights};
@@ -126,18 +125,11 @@ fn has_self_stress<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool
     /// A reaction is inside by this share of the largest.
     const INSIDE: f64 = 1e-9;
     let room = INSIDE * r.iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
-    let mut unknowns = 0;
-    let rigid = (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0);
-    let inside = |(r, law): (&[f64; D], &ContactLaw)| {
-        let rubs = law.has_friction();
-        unknowns += if rubs { D } else { 1 };
-        let free = law.limit(r[0]) - tangential_norm(r);
-        r[0] > room && (!rubs || free > room * law.mu.hypot(1.0))
-    };
-    rigid
+    let unknowns = |law: &ContactLaw| if law.has_friction() { D } else { 1 };
+    problem.moves_rigidly()
         && problem.contradiction.is_none()
-        && r.iter().zip(&problem.law).all(inside)
-        && unknowns > problem.rigid.modes.len()
+        && r.iter().zip(&problem.law).all(|(r, law)| law.depth(r) > room)
+        && problem.law.iter().map(unknowns).sum::<usize>() > problem.rigid.modes.len()
 }
 
 fn assess_island<const D: usize>(
