@@ -148,10 +148,45 @@ pub fn advance<const D: usize, E: Engine<D>>(
     })
 }
 
-/// The load step once more, where its statuses did not settle: with linear systems that are solved
-/// well, which soft bodies beside stiff ones need, and if that is not enough with friction that
-/// grows from none to that of the law, each share from the solution of the last one. What
-/// `stalled` if that fails too.
+/// What is tried where the statuses of a load step do not settle.
+#[derive(Clone, Copy)]
+enum Phase {
+    /// The law itself, with linear systems that are solved well, which soft bodies beside stiff ones
+    /// need.
+    Careful,
+    Frictionless,
+    /// More than a share of the friction of the law, from its solution.
+    Growing { reached: f64, increment: f64 },
+}
+
+impl Phase {
+    fn share(self) -> f64 {
+        match self {
+            Self::Careful => 1.0,
+            Self::Frictionless => 0.0,
+            Self::Growing { reached, increment } => f64::min(reached + increment, 1.0),
+        }
+    }
+
+    fn next(self, outcome: Outcome) -> Option<Self> {
+        let reached = self.share();
+        let growing = |reached, increment| Some(Self::Growing { reached, increment });
+        match (self, outcome) {
+            (_, Outcome::Converged) if reached >= 1.0 => None,
+            (Self::Growing { increment, .. }, Outcome::Converged) => growing(reached, 2.0 * increment),
+            (_, Outcome::Converged) => growing(reached, tuning::first_share()),
+            (Self::Careful, Outcome::Stalled) => Some(Self::Frictionless),
+            (Self::Growing { reached, increment }, Outcome::Stalled)
+                if increment > tuning::least_share() =>
+            {
+                growing(reached, 0.25 * increment)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// The load step once more, by phases. What `stalled` if they stall too.
 fn settle_statuses<'a, const D: usize, E: Engine<D>>(
     engine: &mut E,
     contacts: &Contacts<D>,
@@ -165,9 +200,9 @@ where
     let started = Instant::now();
     let (mut newton, mut krylov) = (stalled.newton, stalled.krylov);
     let mut y = stalled.point.y.clone();
-    let (mut reached, mut increment) = (None, 1.0);
+    let mut phase = Phase::Careful;
     loop {
-        let share = f64::min(reached.unwrap_or(0.0) + increment, 1.0);
+        let share = phase.share();
         let law = contacts.law.iter().map(|law| ContactLaw {
             mu: share * law.mu,
             dilatancy: share * law.dilatancy,
@@ -189,30 +224,24 @@ where
             max_seconds: settings.max_seconds - started.elapsed().as_secs_f64(),
             ..*settings
         };
-        let mut solved = Newton::new(engine, &part, &left).run(begin(y.clone(), !whole))?;
+        let solved = Newton::new(engine, &part, &left).run(begin(y.clone(), !whole))?;
         newton += solved.newton;
         krylov += solved.krylov;
-        let settled = solved.outcome == Outcome::Converged;
-        if settled && !whole {
-            y = solved.point.y;
-            increment = reached.map_or(tuning::first_share(), |_| 2.0 * increment);
-            reached = Some(share);
-        } else if solved.outcome == Outcome::Stalled && reached.is_none() && increment > 0.0 {
-            increment = 0.0;
-        } else if solved.outcome == Outcome::Stalled
-            && reached.is_some()
-            && increment > tuning::least_share()
-        {
-            increment *= 0.25;
-        } else {
-            if solved.outcome == Outcome::Stalled {
-                solved = stalled;
-            }
+        let Some(next) = phase.next(solved.outcome) else {
+            let last = if solved.outcome == Outcome::Stalled {
+                stalled
+            } else {
+                solved
+            };
             return Ok(SolvedStep {
                 newton,
                 krylov,
-                ..solved
+                ..last
             });
+        };
+        if solved.outcome == Outcome::Converged {
+            y = solved.point.y;
         }
+        phase = next;
     }
 }
