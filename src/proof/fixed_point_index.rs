@@ -10,12 +10,12 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::alart_curnier::linearised;
-use crate::law::cone::Status;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::lu::Lu;
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{Block, Vector, norm, tangential_norm};
+use crate::linalg::small::{norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
+use crate::solver::newton::compliance_form::ComplianceForm;
 
 /// A solution is at a boundary between two statuses if its distance, relative to the largest
 /// `r̂ − v̂`, is smaller.
@@ -109,38 +109,15 @@ fn newton_step<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Option<Corrected<D>>, Error> {
     let scaling = &problem.scaling;
-    let scaled = |i: usize| {
+    let of_contact = |i: usize| {
         let r = r[i].map(|c| c * scaling.to_r[i]);
         let v = v[i].map(|c| c * scaling.to_v[i]);
-        (i, r, linearised(&r, &v, problem.law[i].mu))
+        (i, linearised(&r, &v, problem.law[i].mu))
     };
-    let closed: Vec<_> = nodes
-        .clone()
-        .map(scaled)
-        .filter(|(.., row)| row.status != Status::Open)
-        .collect();
-    let n = D * closed.len();
-    let mut matrix = vec![0.0; n * n];
-    let mut right = vec![0.0; n];
-    for (k, (i, r, row)) in closed.iter().enumerate() {
-        for (l, (j, ..)) in closed.iter().enumerate() {
-            let w = problem.compliance.pair(*i, *j);
-            let mut block: Block<D> = row.by_v * w * (scaling.to_v[*i] / scaling.to_r[*j]);
-            if k == l {
-                block += row.by_r;
-            }
-            for a in 0..D {
-                for b in 0..D {
-                    matrix[(D * k + a) * n + D * l + b] = block[(a, b)];
-                }
-            }
-        }
-        // value + by_r (r' − r) + by_v (W r' + q − v) = 0.
-        let free = Vector::from(problem.q[*i].map(|c| c * scaling.to_v[*i]));
-        let v = Vector::from(v[*i].map(|c| c * scaling.to_v[*i]));
-        let known = row.by_r * Vector::from(*r) + row.by_v * (v - free) - row.value;
-        right[D * k..D * (k + 1)].copy_from_slice(known.as_slice());
-    }
+    let laws: Vec<_> = nodes.map(of_contact).collect();
+    let form = ComplianceForm::of_contacts(problem, laws.iter().map(|(i, at)| (*i, at)), 0.0);
+    let n = form.order();
+    let matrix = form.matrix();
     let size = norm(&matrix);
     let Some(lu) = Lu::new(matrix, n, stop)? else {
         return Ok(None);
@@ -153,14 +130,10 @@ fn newton_step<const D: usize>(
             return Ok(None);
         }
     }
-    lu.solve(&mut right);
-    let mut next = r.to_vec();
-    next[nodes].fill([0.0; D]);
-    for ((i, ..), value) in closed.iter().zip(right.as_chunks::<D>().0) {
-        next[*i] = value.map(|c| c / scaling.to_r[*i]);
-    }
+    let mut x = form.right(r, &[], &mut |_| ());
+    lu.solve(&mut x);
     Ok(Some(Corrected {
-        r: next,
+        r: form.moved(r, &[], &x).r,
         sign: lu.sign(),
     }))
 }

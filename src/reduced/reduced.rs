@@ -7,13 +7,13 @@ use crate::error::Error;
 use crate::law::bipotential::law_step;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{Block, length, norm};
+use crate::linalg::small::{length, norm};
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::sparse_lu::Analysis;
 use crate::reduced::compliance::{Compliance, Whole};
 use crate::reduced::gram::factor_gram;
-use crate::reduced::rigid_motions::RigidMotions;
+use crate::reduced::rigid_motions::{RigidMotions, border_block};
 use crate::reduced::tuning;
 use crate::reduced::validate::{check_finite, check_length};
 
@@ -148,9 +148,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
             let mut moved = vec![Vec::new(); modes.len().div_ceil(D)];
             for contact in 0..n {
                 for (c, motion) in modes.at(contact) {
-                    let of_row = |k: usize| if k == c % D { 1.0 } else { 0.0 };
-                    let block = Block::from_fn(|k, l| of_row(k) * motion[l]);
-                    moved[c / D].push((contact, block));
+                    moved[c / D].push((contact, border_block(c, motion).transpose()));
                 }
             }
             let blocks = Blocks::from_rows(n + moved.len(), |i, add| {
@@ -160,8 +158,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
                 }
                 whole.blocks.in_row(i).for_each(|(j, w)| add(j, *w));
                 for (c, motion) in modes.at(i) {
-                    let of_column = |l: usize| if l == c % D { 1.0 } else { 0.0 };
-                    add(n + c / D, Block::from_fn(|k, l| motion[k] * of_column(l)));
+                    add(n + c / D, border_block(c, motion));
                 }
             });
             let analysis = Analysis::new(&blocks)?;

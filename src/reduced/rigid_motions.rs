@@ -2,6 +2,7 @@
 //! of two bodies, however many there are.
 
 use crate::error::Error;
+use crate::linalg::small::Block;
 use crate::linalg::sparse::rows::Rows;
 
 /// The columns of `R`; of each contact, the motions that move it, in their order.
@@ -11,6 +12,12 @@ pub struct RigidMotions<const D: usize> {
     start: Vec<usize>,
     motion: Vec<usize>,
     values: Vec<[f64; D]>,
+}
+
+/// The block of a contact and of the `D` motions around one, by which the contact moves as given: beside
+/// a matrix of contacts, motions are in blocks of `D`.
+pub fn border_block<const D: usize>(motion: usize, moved: &[f64; D]) -> Block<D> {
+    Block::from_fn(|k, l| if l == motion % D { moved[k] } else { 0.0 })
 }
 
 impl<const D: usize> From<Vec<Vec<[f64; D]>>> for RigidMotions<D> {

@@ -4,6 +4,7 @@ pub mod anderson;
 mod associated;
 pub mod at_rest;
 pub mod auto;
+mod bordered;
 pub mod derivatives;
 pub mod enumerate;
 mod fallback;

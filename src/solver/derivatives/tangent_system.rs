@@ -19,6 +19,8 @@ use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::sparse_lu::{Analysis, SparseLu};
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
+use crate::reduced::rigid_motions::border_block;
+use crate::solver::bordered::Factors;
 use crate::tasks;
 
 /// The law of one closed contact, in the variables of the problem.
@@ -49,37 +51,11 @@ pub trait FactoredTangent: Send + Sync {
 /// units.
 #[derive(Debug)]
 pub(super) struct Conditioned {
-    factors: Factors,
+    factors: Factors<Analysis>,
     rows: Vec<f64>,
     columns: Vec<f64>,
     /// Largest sum of absolute values of a row of the scaled matrix.
     norm: f64,
-}
-
-#[derive(Debug)]
-enum Factors {
-    Dense(Lu),
-    /// Its last unknowns fill a block, and have no effect.
-    Sparse(Box<SparseLu<Analysis>>),
-}
-
-impl Factors {
-    fn solve(&self, x: &mut [f64], transposed: bool) {
-        match (self, transposed) {
-            (Self::Dense(lu), false) => lu.solve(x),
-            (Self::Dense(lu), true) => lu.solve_transposed(x),
-            (Self::Sparse(lu), _) => {
-                let mut filled = x.to_vec();
-                filled.resize(lu.order(), 0.0);
-                if transposed {
-                    lu.solve_transposed(&mut filled);
-                } else {
-                    lu.solve(&mut filled);
-                }
-                x.copy_from_slice(&filled[..x.len()]);
-            }
-        }
-    }
 }
 
 impl Conditioned {
@@ -106,7 +82,7 @@ impl Conditioned {
         let norm = (0..columns.len()).map(sum).fold(0.0_f64, f64::max);
         let factors = SparseLu::new(Analysis::new(&scaled)?, &scaled, stop)?;
         Ok(factors.map(|lu| Self {
-            factors: Factors::Sparse(Box::new(lu)),
+            factors: Factors::Sparse(lu),
             rows,
             columns,
             norm,
@@ -291,8 +267,7 @@ fn block_rows<'a, const D: usize>(
     for (i, law) in laws.iter().enumerate() {
         place[law.position] = Some(i);
         for (c, motion) in modes.at(law.position) {
-            let of_row = |k: usize| if k == c % D { 1.0 } else { 0.0 };
-            moved[c / D].push((i, Block::from_fn(|k, l| of_row(k) * motion[l])));
+            moved[c / D].push((i, border_block(c, motion).transpose()));
         }
     }
     move |i, add| {
@@ -314,11 +289,7 @@ fn block_rows<'a, const D: usize>(
         add(i, law.by_r);
         for (c, motion) in modes.at(law.position) {
             let motion = law.by_v * Vector::from(*motion);
-            let of_column = |l: usize| if l == c % D { 1.0 } else { 0.0 };
-            add(
-                closed + c / D,
-                Block::from_fn(|k, l| motion[k] * of_column(l)),
-            );
+            add(closed + c / D, border_block(c, &motion.into()));
         }
     }
 }

@@ -1,13 +1,12 @@
 //! The matrix of a point of a path, factored, and the steps that it gives.
 
-use std::sync::atomic::AtomicBool;
-
 use crate::error::Error;
 use crate::law::second_order::{NesterovTodd, quotient};
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::sparse_lu::{Analysis, SparseLu};
+use crate::solver::bordered::{Border, Factors};
 use crate::solver::interior::system::{Missed, System};
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::compliance_form::sparse_cost;
@@ -47,7 +46,7 @@ impl<'p, const D: usize> System<'p, D> {
         s: &[Vector<D>],
         scalings: Vec<NesterovTodd<D>>,
         monitor: &mut Monitor<D>,
-    ) -> Result<Option<Factors<'_, 'p, D>>, Error> {
+    ) -> Result<Option<InteriorFactors<'_, 'p, D>>, Error> {
         let problem = self.problem;
         let compliance = &problem.compliance;
         let slopes = s
@@ -87,7 +86,7 @@ impl<'p, const D: usize> System<'p, D> {
                 (false, false) if i == j => Block::identity() * -tuning::least_motion_pivot(),
                 (false, false) => Block::zeros(),
             });
-            SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Factorisation::Sparse)
+            SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Factors::Sparse)
         } else {
             let order = D * s.len();
             monitor.count(factorisation_cost(problem, order + modes));
@@ -100,45 +99,35 @@ impl<'p, const D: usize> System<'p, D> {
                     }
                 }
             }
-            Lu::new(matrix, order, monitor.stop())?.map(Factorisation::Dense)
+            Lu::new(matrix, order, monitor.stop())?.map(Factors::Dense)
         };
         let Some(inner) = inner else { return Ok(None) };
-        let mut factors = Factors {
+        let mut factors = InteriorFactors {
             system: self,
             scalings,
             slopes,
             of_law,
             scale,
             inner,
-            border: Vec::new(),
-            balance: None,
+            border: None,
         };
         if modes > 0 && !factors.has_motions() {
-            let columns = self.motions.columns().into_iter();
-            let columns = columns.map(|column| column.into_iter().map(Vector::from).collect());
-            factors.border = columns
-                .map(|column: Vec<_>| factors.solve_contacts(&column, &mut []))
-                .collect();
-            let works: Vec<_> = factors.border.iter().map(|x| self.work(x)).collect();
-            let rows = (0..modes).flat_map(|c| works.iter().map(move |w| w[c]));
-            let matrix: Vec<f64> = rows.collect();
-            let never = AtomicBool::new(false);
-            let Some(lu) = Lu::new(matrix, modes, &never)? else {
+            let columns = self.motions.columns().into_iter().map(|column| {
+                let column: Vec<_> = column.into_iter().map(Vector::from).collect();
+                factors.solve_contacts(&column, &mut [])
+            });
+            let border = Border::new(columns.collect(), |x| self.work(x))?;
+            if border.is_none() {
                 return Ok(None);
-            };
-            factors.balance = Some(lu);
+            }
+            factors.border = border;
         }
         Ok(Some(factors))
     }
 }
 
-enum Factorisation<'w> {
-    Sparse(SparseLu<&'w Analysis>),
-    Dense(Lu),
-}
-
 /// `A + N P²`, `N` the slope, with the border `B`: factored.
-pub(super) struct Factors<'s, 'p, const D: usize> {
+pub(super) struct InteriorFactors<'s, 'p, const D: usize> {
     system: &'s System<'p, D>,
     pub(super) scalings: Vec<NesterovTodd<D>>,
     slopes: Vec<Block<D>>,
@@ -147,20 +136,16 @@ pub(super) struct Factors<'s, 'p, const D: usize> {
     /// Factors of rows and columns. `P²` of open contacts grows without bound; without these
     /// factors it would hide the pivots of sticking contacts.
     scale: Vec<Vector<D>>,
-    inner: Factorisation<'s>,
-    /// `(A + N P²)⁻¹ B`, and `Bᵀ` times it.
-    border: Vec<Vec<Vector<D>>>,
-    balance: Option<Lu>,
+    inner: Factors<&'s Analysis>,
+    /// `B`, unless the factors have it.
+    border: Option<Border<Vector<D>>>,
 }
 
-impl<const D: usize> Factors<'_, '_, D> {
+impl<const D: usize> InteriorFactors<'_, '_, D> {
     /// The sign of the determinant.
     pub(super) fn sign(&self) -> f64 {
-        let inner = match &self.inner {
-            Factorisation::Sparse(factors) => factors.sign(),
-            Factorisation::Dense(factors) => factors.sign(),
-        };
-        self.balance.as_ref().map_or(inner, |lu| inner * lu.sign())
+        let inner = self.inner.sign();
+        (self.border.as_ref()).map_or(inner, |border| inner * border.sign())
     }
 
     /// `P dz` and `P⁻¹ ds`, in units of the root of `aim`.
@@ -178,7 +163,7 @@ impl<const D: usize> Factors<'_, '_, D> {
 
     /// Whether the factors are those of the matrix with its border.
     fn has_motions(&self) -> bool {
-        let sparse = matches!(self.inner, Factorisation::Sparse(_));
+        let sparse = matches!(self.inner, Factors::Sparse(_));
         sparse && self.system.problem.scaling.is_sparse()
     }
 
@@ -188,16 +173,10 @@ impl<const D: usize> Factors<'_, '_, D> {
         let mut x: Vec<f64> = scaled
             .flat_map(|(b, scale)| <[f64; D]>::from(b.component_mul(scale)))
             .collect();
-        match &self.inner {
-            Factorisation::Sparse(factors) => {
-                x.extend(&*a);
-                x.resize(factors.order(), 0.0);
-                factors.solve(&mut x);
-                a.copy_from_slice(&x[D * b.len()..][..a.len()]);
-            }
-            Factorisation::Dense(factors) => factors.solve(&mut x),
-        }
-        let (x, _) = x.as_chunks::<D>();
+        x.extend(&*a);
+        self.inner.solve(&mut x, false);
+        a.copy_from_slice(&x[D * b.len()..]);
+        let (x, _) = x[..D * b.len()].as_chunks::<D>();
         let scaled = x.iter().zip(&self.scale);
         scaled
             .map(|(x, scale)| Vector::from(*x).component_mul(scale))
@@ -205,21 +184,14 @@ impl<const D: usize> Factors<'_, '_, D> {
     }
 
     fn solve_bordered(&self, b: &[Vector<D>], balance: &[f64]) -> (Vec<Vector<D>>, Vec<f64>) {
+        let mut a = balance.to_vec();
         if self.has_motions() {
-            let mut a = balance.to_vec();
             return (self.solve_contacts(b, &mut a), a);
         }
         let mut x = self.solve_contacts(b, &mut []);
-        let mut a = Vec::new();
-        if let Some(lu) = &self.balance {
+        if let Some(border) = &self.border {
             let work = self.system.work(&x);
-            a = work.iter().zip(balance).map(|(w, s)| w - s).collect();
-            lu.solve(&mut a);
-            for (column, amount) in self.border.iter().zip(&a) {
-                for (x, c) in x.iter_mut().zip(column) {
-                    *x -= c * *amount;
-                }
-            }
+            border.eliminate(&mut x, &mut a, &work);
         }
         (x, a)
     }

@@ -6,7 +6,7 @@ use crate::law::second_order::{NesterovTodd, longest_step, product};
 use crate::linalg::small::Vector;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{residual, scaled_imbalance};
-use crate::solver::interior::factors::{Factors, InteriorStep};
+use crate::solver::interior::factors::{InteriorFactors, InteriorStep};
 use crate::solver::interior::system::{Missed, System};
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::compliance_form::Solved;
@@ -84,7 +84,7 @@ struct InteriorPath<'s, 'p, const D: usize> {
 
 /// The two directions at a point.
 struct Ways<'s, 'p, const D: usize> {
-    factors: Factors<'s, 'p, D>,
+    factors: InteriorFactors<'s, 'p, D>,
     /// `σ` over that of the start, and `σ`.
     share: f64,
     sigma: f64,

@@ -8,6 +8,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
+use crate::law::alart_curnier::Linearised;
 use crate::law::cone::Status;
 use crate::linalg::dense;
 use crate::linalg::gmres;
@@ -18,6 +19,7 @@ use crate::linalg::sparse::sparse_lu::{Analysis, SparseLu};
 use crate::reduced::compliance::Whole;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
+use crate::solver::bordered::Border;
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
 use crate::solver::tuning;
 use crate::tasks;
@@ -89,12 +91,18 @@ pub struct Solved<const D: usize> {
 
 impl<'p, const D: usize> ComplianceForm<'p, D> {
     pub fn new(problem: &'p Reduced<'p, D>, law: &Linearisation<D>) -> Self {
-        let mut rows = Vec::with_capacity(law.at.len());
+        Self::of_contacts(problem, law.at.iter().enumerate(), law.shift)
+    }
+
+    /// The system of some contacts, by their numbers; the others are open.
+    pub fn of_contacts<'l>(
+        problem: &'p Reduced<'p, D>,
+        laws: impl Iterator<Item = (usize, &'l Linearised<D>)>,
+        shift: f64,
+    ) -> Self {
+        let mut rows = Vec::new();
         let mut first = 0;
-        for (node, at) in law.at.iter().enumerate() {
-            if is_free(problem, node, at.status) {
-                continue;
-            }
+        for (node, at) in laws.filter(|(node, at)| !is_free(problem, *node, at.status)) {
             let width = if problem.law[node].has_friction() {
                 D
             } else {
@@ -115,7 +123,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             problem,
             rows,
             contact: first,
-            shift: law.shift,
+            shift,
         }
     }
 
@@ -255,7 +263,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
 
     /// `−F` of the closed contacts minus the effect of opening contacts, and the forces out of
     /// balance.
-    fn right(&self, r: &[[f64; D]], imbalance: &[f64], count: &mut dyn FnMut(f64)) -> Vec<f64> {
+    pub fn right(&self, r: &[[f64; D]], imbalance: &[f64], count: &mut dyn FnMut(f64)) -> Vec<f64> {
         let scaling = &self.problem.scaling;
         let mut released: Vec<[f64; D]> = r.iter().map(|r| r.map(|c| -c)).collect();
         for row in &self.rows {
@@ -295,7 +303,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
 
     /// `(r, a)` after the increments `x`; open contacts have no pressure, and without cohesion no
     /// reaction.
-    fn moved(&self, r: &[[f64; D]], rigid: &[f64], x: &[f64]) -> Solved<D> {
+    pub fn moved(&self, r: &[[f64; D]], rigid: &[f64], x: &[f64]) -> Solved<D> {
         let mut next = self.unpack(x);
         for row in &self.rows {
             for k in 0..row.width {
@@ -465,59 +473,43 @@ impl<const D: usize> ClosedContact<D> {
 /// them.
 struct ContactPreconditioner<'w, const D: usize> {
     inner: ContactInverse<'w, D>,
-    /// `D⁻¹ C`, with `C` the columns of `â`, one for each rigid motion.
-    border: Vec<Vec<f64>>,
-    /// `R̂ᵀ D⁻¹ C`, factored.
-    balance: Option<Lu>,
+    border: Option<Border<f64>>,
 }
 
 impl<'w, const D: usize> ContactPreconditioner<'w, D> {
     fn new(system: &ComplianceForm<D>, inner: ContactInverse<'w, D>) -> Result<Self, Error> {
         let scaling = &system.problem.scaling;
-        let mut this = Self {
-            inner,
-            border: Vec::new(),
-            balance: None,
-        };
-        if scaling.is_sparse() && matches!(this.inner, ContactInverse::Factors(_)) {
-            return Ok(this);
+        let has_motions = scaling.is_sparse() && matches!(inner, ContactInverse::Factors(_));
+        if has_motions || scaling.modes.is_empty() {
+            return Ok(Self {
+                inner,
+                border: None,
+            });
         }
-        for mode in scaling.modes.columns() {
+        let solved = |mode: Vec<[f64; D]>| {
             let mut column = vec![0.0; system.contact];
             for row in &system.rows {
                 let motion = row.by_v * Vector::from(mode[row.node]);
                 column[row.first..row.first + row.width]
                     .copy_from_slice(&motion.as_slice()[..row.width]);
             }
-            this.inner.solve(system, &mut column);
-            this.border.push(column);
-        }
-        if !scaling.modes.is_empty() {
-            let works: Vec<_> = this.border.iter().map(|x| balance(system, x)).collect();
-            let rows = (0..scaling.modes.len()).flat_map(|c| works.iter().map(move |w| w[c]));
-            let matrix: Vec<f64> = rows.collect();
-            let never = AtomicBool::new(false);
-            this.balance = Lu::new(matrix, scaling.modes.len(), &never)?;
-        }
-        Ok(this)
+            inner.solve(system, &mut column);
+            column
+        };
+        let columns = scaling.modes.columns().into_iter().map(solved).collect();
+        let border = Border::new(columns, |x| balance(system, x))?;
+        Ok(Self { inner, border })
     }
 
     fn apply(&self, system: &ComplianceForm<D>, x: &mut [f64]) {
-        let Some(lu) = &self.balance else {
+        let Some(border) = &self.border else {
             self.inner.solve(system, x);
             return;
         };
         let (contact, amounts) = x.split_at_mut(system.contact);
         self.inner.solve(system, contact);
-        for (amount, work) in amounts.iter_mut().zip(balance(system, contact)) {
-            *amount = work - *amount;
-        }
-        lu.solve(amounts);
-        for (column, amount) in self.border.iter().zip(amounts) {
-            for (value, c) in contact.iter_mut().zip(column) {
-                *value -= *amount * c;
-            }
-        }
+        let work = balance(system, contact);
+        border.eliminate(contact, amounts, &work);
     }
 }
 
