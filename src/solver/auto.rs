@@ -37,17 +37,6 @@ use crate::solver::proximal;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
 
-#[derive(Clone, Copy, Debug)]
-enum Stage {
-    Sweeps,
-    Newton,
-    FromZero,
-    AllStatuses,
-    Proximal,
-    Convex,
-    Interior,
-}
-
 /// The rounds of a stage.
 #[derive(Clone, Copy, Debug)]
 enum Turn {
@@ -66,26 +55,6 @@ impl Turn {
     }
 }
 
-/// The stages of a round in their order; rounds for supported bodies, for floating ones, and for
-/// many contacts. The median / mean number of products to η = 1e-10 on the sets of
-/// `benches/problems.py`, seeds 0–149:
-///
-/// | proximal points from round | held | floating | rigid, unsolved |
-/// |---|---|---|---|
-/// | 1 | 16 / 39 | 31 / 149 | 1 of 150 |
-/// | 2 | 16 / 30 | 31 / 122 | 0 |
-/// | 3 | 16 / 30 | 31 / 84 | 2 |
-/// | never | 16 / 30 | 31 / 46 | 30 |
-const STAGES: [(Stage, [Turn; 3]); 7] = [
-    (Stage::Sweeps, [From(1), From(1), From(1)]),
-    (Stage::Newton, [From(1), From(1), From(1)]),
-    (Stage::FromZero, [Never, Once(2), Once(2)]),
-    (Stage::AllStatuses, [Once(3), Once(3), Never]),
-    (Stage::Proximal, [From(2), From(3), From(1)]),
-    (Stage::Convex, [Once(2), Once(2), Once(1)]),
-    (Stage::Interior, [From(5), From(6), From(1)]),
-];
-
 /// Runs until the monitor stops it.
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
@@ -96,9 +65,9 @@ pub fn run<const D: usize>(
     let floats = !problem.rigid.modes.is_empty();
     let column = if chain.many { 2 } else { usize::from(floats) };
     for round in 1.. {
-        for (stage, turns) in STAGES {
+        for (stage, turns) in Chain::STAGES {
             if turns[column].comes(round) {
-                chain.make(stage, monitor)?;
+                stage(&mut chain, monitor)?;
             }
         }
         if floats && round == 1 {
@@ -128,7 +97,30 @@ struct Chain<'p, const D: usize> {
     many: bool,
 }
 
+/// What a stage does with the point of the chain.
+type Stage<'p, const D: usize> = fn(&mut Chain<'p, D>, &mut Monitor<D>) -> Result<(), Ended>;
+
 impl<'p, const D: usize> Chain<'p, D> {
+    /// The stages of a round in their order; rounds for supported bodies, for floating ones, and for
+    /// many contacts. The median / mean number of products to η = 1e-10 on the sets of
+    /// `benches/problems.py`, seeds 0–149:
+    ///
+    /// | proximal points from round | held | floating | rigid, unsolved |
+    /// |---|---|---|---|
+    /// | 1 | 16 / 39 | 31 / 149 | 1 of 150 |
+    /// | 2 | 16 / 30 | 31 / 122 | 0 |
+    /// | 3 | 16 / 30 | 31 / 84 | 2 |
+    /// | never | 16 / 30 | 31 / 46 | 30 |
+    const STAGES: [(Stage<'p, D>, [Turn; 3]); 7] = [
+        (Self::sweep, [From(1), From(1), From(1)]),
+        (Self::make_newton_steps, [From(1), From(1), From(1)]),
+        (Self::start_from_zero, [Never, Once(2), Once(2)]),
+        (Self::try_statuses, [Once(3), Once(3), Never]),
+        (Self::move_proximal_points, [From(2), From(3), From(1)]),
+        (Self::solve_convex, [Once(2), Once(2), Once(1)]),
+        (Self::follow_interior_path, [From(5), From(6), From(1)]),
+    ];
+
     fn new(
         problem: &'p Reduced<'p, D>,
         start: &'p Start<D>,
@@ -168,67 +160,6 @@ impl<'p, const D: usize> Chain<'p, D> {
         })
     }
 
-    fn make(&mut self, stage: Stage, monitor: &mut Monitor<D>) -> Result<(), Ended> {
-        match stage {
-            Stage::Sweeps => self.sweep(monitor),
-            Stage::Newton => {
-                let rigid = self.sweeper.rigid_motion(&self.point);
-                let better = newton::run(self.problem, &self.point.r, &rigid, monitor)?;
-                if let Some(better) = better {
-                    self.take_if_better(better);
-                }
-                Ok(())
-            }
-            Stage::FromZero => {
-                // The bilateral start of floating bodies may be near a minimum of the merit that
-                // is no solution.
-                if !self.problem.rigid.modes.is_empty() && self.start.closed.is_empty() {
-                    self.point = self.sweeper.start(&Start::default(), monitor);
-                }
-                Ok(())
-            }
-            Stage::AllStatuses if self.problem.contacts() <= tuning::few_contacts() => {
-                try_statuses(self.problem, monitor)
-            }
-            Stage::AllStatuses => Ok(()),
-            Stage::Proximal => {
-                // Many contacts: half of the steps that they need themselves; between two
-                // interior-point paths more, because they then complete most attempts.
-                let most = match (self.many, self.attempts) {
-                    (true, 0) => tuning::steps_before_interior(),
-                    (true, _) => tuning::steps_after_interior(),
-                    (false, _) => usize::MAX,
-                };
-                let rigid = self.sweeper.rigid_motion(&self.point);
-                let attempt = (self.attempts, most);
-                let end = proximal::run(self.problem, &self.point.r, &rigid, monitor, attempt)?;
-                self.attempts += 1;
-                self.take_if_better(end);
-                Ok(())
-            }
-            Stage::Convex => {
-                if let Some(end) = associated::solve(self.problem, monitor)? {
-                    let end = self.sweeper.point(end.r, &end.rigid);
-                    let _ = self.sweeper.look(&end, monitor, true)?;
-                    if self.sweeper.residual(&end) < self.sweeper.residual(&self.point) {
-                        (self.point, self.resumed) = (end, true);
-                    }
-                }
-                Ok(())
-            }
-            // Its cone is Coulomb's.
-            Stage::Interior if !enumerate::is_coulomb(self.problem) => Ok(()),
-            Stage::Interior => {
-                // For any η: if it was lost there, no later point helps.
-                if let Some(end) = interior::run(self.problem, &mut self.path, monitor)? {
-                    self.point = self.sweeper.point(end.r, &end.rigid);
-                    self.resumed = true;
-                }
-                Ok(())
-            }
-        }
-    }
-
     /// The sweeps of a round. Before the first Newton attempt they end once statuses have
     /// settled, which Newton's method needs and digits it finds faster, but are worth at least two
     /// Newton steps.
@@ -253,6 +184,81 @@ impl<'p, const D: usize> Chain<'p, D> {
         Ok(())
     }
 
+    fn make_newton_steps(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        let rigid = self.sweeper.rigid_motion(&self.point);
+        if let Some(better) = newton::run(self.problem, &self.point.r, &rigid, monitor)? {
+            self.take_if_better(better);
+        }
+        Ok(())
+    }
+
+    /// The bilateral start of floating bodies may be near a minimum of the merit that is no
+    /// solution.
+    fn start_from_zero(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        if !self.problem.rigid.modes.is_empty() && self.start.closed.is_empty() {
+            self.point = self.sweeper.start(&Start::default(), monitor);
+        }
+        Ok(())
+    }
+
+    /// All statuses of a few plane contacts: a solution or a proof that there is none ends the
+    /// method.
+    fn try_statuses(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        let problem = self.problem;
+        if problem.contacts() > tuning::few_contacts() {
+            return Ok(());
+        }
+        let Some(few) = enumerate::few(problem, monitor.stop())? else {
+            return Ok(());
+        };
+        if few.proves_none(problem) {
+            return Err(monitor.exhaust_statuses());
+        }
+        for (r, rigid) in few.answers {
+            monitor.look_at(&r, &rigid, true)?;
+        }
+        Ok(())
+    }
+
+    fn move_proximal_points(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        // Many contacts: half of the steps that they need themselves; between two interior-point
+        // paths more, because they then complete most attempts.
+        let most = match (self.many, self.attempts) {
+            (true, 0) => tuning::steps_before_interior(),
+            (true, _) => tuning::steps_after_interior(),
+            (false, _) => usize::MAX,
+        };
+        let rigid = self.sweeper.rigid_motion(&self.point);
+        let attempt = (self.attempts, most);
+        let end = proximal::run(self.problem, &self.point.r, &rigid, monitor, attempt)?;
+        self.attempts += 1;
+        self.take_if_better(end);
+        Ok(())
+    }
+
+    fn solve_convex(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        if let Some(end) = associated::solve(self.problem, monitor)? {
+            let end = self.sweeper.point(end.r, &end.rigid);
+            let _ = self.sweeper.look(&end, monitor, true)?;
+            if self.sweeper.residual(&end) < self.sweeper.residual(&self.point) {
+                (self.point, self.resumed) = (end, true);
+            }
+        }
+        Ok(())
+    }
+
+    /// Continues from its end for any η: if it was lost there, no later point helps.
+    fn follow_interior_path(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        if !enumerate::is_coulomb(self.problem) {
+            return Ok(()); // its cone is Coulomb's
+        }
+        if let Some(end) = interior::run(self.problem, &mut self.path, monitor)? {
+            self.point = self.sweeper.point(end.r, &end.rigid);
+            self.resumed = true;
+        }
+        Ok(())
+    }
+
     /// Continues from the result of another method if this has reduced η enough. Otherwise
     /// sweeps that were about to find the statuses would lose them.
     fn take_if_better(&mut self, end: Solved<D>) {
@@ -270,22 +276,4 @@ impl<'p, const D: usize> Chain<'p, D> {
             self.next_sweeps = (2 * self.next_sweeps).min(tuning::most_sweeps());
         }
     }
-}
-
-/// Tries all statuses of a few plane contacts: a solution or a proof that there is none ends the
-/// method.
-fn try_statuses<const D: usize>(
-    problem: &Reduced<D>,
-    monitor: &mut Monitor<D>,
-) -> Result<(), Ended> {
-    let Some(few) = enumerate::few(problem, monitor.stop())? else {
-        return Ok(());
-    };
-    if few.proves_none(problem) {
-        return Err(monitor.exhaust_statuses());
-    }
-    for (r, rigid) in few.answers {
-        monitor.look_at(&r, &rigid, true)?;
-    }
-    Ok(())
 }

@@ -7,6 +7,7 @@ pub mod auto;
 mod bordered;
 pub mod derivatives;
 pub mod enumerate;
+pub mod evaluated_point;
 mod fallback;
 pub mod farkas;
 pub mod gauss_seidel;

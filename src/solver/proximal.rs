@@ -8,7 +8,7 @@
 //! consecutive one.
 
 use crate::reduced::reduced::Reduced;
-use crate::reduced::residual::merit;
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::compliance_form::Solved;
 use crate::solver::newton::newton::{self, Near};
@@ -28,7 +28,6 @@ pub fn run<const D: usize>(
     monitor: &mut Monitor<D>,
     (number, most): (usize, usize),
 ) -> Result<Solved<D>, Ended> {
-    let (mut r, mut rigid) = (r.to_vec(), rigid.to_vec());
     let starts = [
         tuning::alpha_first(),
         tuning::alpha_second(),
@@ -36,9 +35,9 @@ pub fn run<const D: usize>(
     ];
     let mut alpha = starts[number % starts.len()];
     let (mut rise, mut successes) = (tuning::alpha_rise(), 0);
-    let mut v = problem.relative_displacement(&r, &rigid);
+    let mut point = EvaluatedPoint::new(problem, r.to_vec(), rigid.to_vec());
     monitor.count(1.0);
-    let mut left = merit(problem, &r, &v);
+    let mut left = point.merit(problem);
     let started = monitor.iterations();
     for _ in 0..tuning::proximal_outer() {
         if monitor.iterations() - started >= most {
@@ -46,35 +45,31 @@ pub fn run<const D: usize>(
         }
         let near = Near {
             shift: alpha,
-            centre: r.clone(),
+            centre: point.r.clone(),
             ..Near::nothing()
         };
         let enough = tuning::proximal_enough() * left;
-        let (next, next_rigid) =
-            match newton::run_near(problem, &near, &r, &rigid, enough, monitor)? {
-                Some(better) => (better.r, better.rigid),
-                None => (r.clone(), rigid.clone()),
-            };
-        let next_v = problem.relative_displacement(&next, &next_rigid);
-        monitor.count(1.0);
-        let there = merit(problem, &next, &next_v);
-        if near.merit(problem, &next, &next_v) <= enough {
+        let (next, solved) = newton::approach(problem, &near, &point, enough, monitor)?;
+        let there = next.merit(problem);
+        if solved {
             successes += 1;
             if successes >= 2 {
                 rise = tuning::alpha_rise();
             }
             alpha = (tuning::alpha_fall() * alpha).max(LEAST);
-            (r, rigid, v, left) = (next, next_rigid, next_v, there);
         } else {
             successes = 0;
             alpha = (rise * alpha).min(MOST);
             rise = (rise * tuning::alpha_rise()).min(tuning::steepest_rise());
-            if there < left {
-                (r, rigid, v, left) = (next, next_rigid, next_v, there);
-            }
         }
-        monitor.measure_floor(&r, &rigid);
-        let _ = monitor.look(&r, &v, &rigid, false)?;
+        if solved || there < left {
+            (point, left) = (next, there);
+        }
+        monitor.measure_floor(&point.r, &point.rigid);
+        let _ = point.look(monitor, false)?;
     }
-    Ok(Solved { r, rigid })
+    Ok(Solved {
+        r: point.r,
+        rigid: point.rigid,
+    })
 }

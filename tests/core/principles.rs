@@ -15,9 +15,10 @@ use bipot_rs::proof::error_bound::Prepared;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::enumerate::Enumeration;
+use bipot_rs::solver::evaluated_point::EvaluatedPoint;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::outcome::Ended;
-use bipot_rs::solver::paper::principles::convex::{PrinciplePoint, minimise};
+use bipot_rs::solver::paper::principles::convex::minimise;
 use bipot_rs::solver::paper::principles::minimising_sequence::Sequence;
 use bipot_rs::solver::paper::principles::{
     alternating_principles, displacement_principle, minimising_sequence, stress_principle,
@@ -132,8 +133,8 @@ impl Factors {
 fn answer<const D: usize>(
     problem: &Reduced<D>,
     frozen: Vec<Frozen<D>>,
-    from: &PrinciplePoint<D>,
-) -> PrinciplePoint<D> {
+    from: &EvaluatedPoint<D>,
+) -> EvaluatedPoint<D> {
     let (settings, progress) = (settings(Method::Auto, 1e-15), Progress::default());
     let mut monitor = Monitor::new(problem, &settings, &GO, &progress);
     let enough = 1e-13 * from.merit(problem);
@@ -170,15 +171,15 @@ fn contracts<const D: usize>(case: &Case<D>, seed: u64, used: &mut [f64; 3]) {
         }
         None => assert!(factors.whole > 0.9, "{}", factors.whole),
     }
-    let at = |seed| PrinciplePoint::new(&problem, reactions(case, seed), Vec::new());
+    let at = |seed| EvaluatedPoint::new(&problem, reactions(case, seed), Vec::new());
     let (x, y) = (at(seed), at(seed + 1000));
     // Frozen problems are solved to 1e-13.
     let slack = 1.0 + 1e-9;
     let before = length(&factors.w, &apart(&x.r, &y.r));
     let tresca =
-        |p: &PrinciplePoint<D>| answer(&problem, displacement_principle::frozen(&problem, &p.r), p);
+        |p: &EvaluatedPoint<D>| answer(&problem, displacement_principle::frozen(&problem, &p.r), p);
     let cone =
-        |p: &PrinciplePoint<D>| answer(&problem, stress_principle::frozen(&problem, &p.v), p);
+        |p: &EvaluatedPoint<D>| answer(&problem, stress_principle::frozen(&problem, &p.v), p);
     for (k, (x, y)) in [(tresca(&x), tresca(&y)), (cone(&x), cone(&y))]
         .iter()
         .enumerate()
@@ -187,12 +188,12 @@ fn contracts<const D: usize>(case: &Case<D>, seed: u64, used: &mut [f64; 3]) {
         assert!(after <= slack * factors.whole * before, "{k} {seed}");
         used[k] = used[k].max(after / (factors.whole * before));
     }
-    let turn = |p: &PrinciplePoint<D>| {
+    let turn = |p: &EvaluatedPoint<D>| {
         let pressed = answer(&problem, alternating_principles::frozen_friction(&p.r), p);
         let friction = alternating_principles::frozen_contact(&problem, &pressed.r);
         answer(&problem, friction, &pressed)
     };
-    let tangential = |a: &PrinciplePoint<D>, b: &PrinciplePoint<D>| {
+    let tangential = |a: &EvaluatedPoint<D>, b: &EvaluatedPoint<D>| {
         let all = apart(&a.r, &b.r);
         let own: Vec<f64> = factors.tangential.iter().map(|&k| all[k]).collect();
         length(

@@ -11,7 +11,8 @@ use crate::law::alart_curnier::Linearised;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::length;
 use crate::reduced::reduced::Reduced;
-use crate::reduced::residual::{merit, residual, scaled_imbalance};
+use crate::reduced::residual::{imbalance_norm, merit, residual, scaled_imbalance};
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::{self, ComplianceForm, Solved, is_free};
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost, inversion_cost};
@@ -27,16 +28,9 @@ pub fn alone<const D: usize>(
     start: &Start<D>,
     monitor: &mut Monitor<D>,
 ) -> Result<(), Ended> {
-    let mut r = vec![[0.0; D]; problem.contacts()];
-    let mut rigid = vec![0.0; problem.rigid.modes.len()];
-    if !start.reaction.is_empty() {
-        r.copy_from_slice(&start.reaction);
-    }
-    if !start.rigid.is_empty() {
-        rigid.copy_from_slice(&start.rigid);
-    }
-    let v = problem.relative_displacement(&r, &rigid);
-    let _ = monitor.look(&r, &v, &rigid, false)?;
+    let begin = EvaluatedPoint::begin(problem, start, monitor);
+    let _ = begin.look(monitor, false)?;
+    let (mut r, mut rigid) = (begin.r, begin.rigid);
     while let Some(better) = run(problem, &r, &rigid, monitor)? {
         (r, rigid) = (better.r, better.rigid);
     }
@@ -128,8 +122,7 @@ impl<const D: usize> Near<D> {
                 largest = largest.max((x - y).abs());
             }
         }
-        let imbalance = scaling.force_norm(&scaled_imbalance(problem, r));
-        length(squares, largest).hypot(imbalance)
+        length(squares, largest).hypot(imbalance_norm(problem, r))
     }
 
     /// Its law, linearised at `r` and its own `v`.
@@ -146,6 +139,23 @@ impl<const D: usize> Near<D> {
         law.shift = self.shift;
         law
     }
+}
+
+/// [`run_near`] from a point: the last point, and whether its merit is at most `enough`.
+pub fn approach<const D: usize>(
+    problem: &Reduced<D>,
+    near: &Near<D>,
+    from: &EvaluatedPoint<D>,
+    enough: f64,
+    monitor: &mut Monitor<D>,
+) -> Result<(EvaluatedPoint<D>, bool), Ended> {
+    let next = match run_near(problem, near, &from.r, &from.rigid, enough, monitor)? {
+        Some(better) => EvaluatedPoint::new(problem, better.r, better.rigid),
+        None => from.clone(),
+    };
+    monitor.count(1.0);
+    let solved = near.merit(problem, &next.r, &next.v) <= enough;
+    Ok((next, solved))
 }
 
 /// [`run`] on a nearby problem, until its merit is at most `enough`.

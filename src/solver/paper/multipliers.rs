@@ -10,7 +10,7 @@ use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::newton::{self, Near};
 use crate::solver::outcome::Ended;
-use crate::solver::paper::principles::convex::{PrinciplePoint, iterate};
+use crate::solver::paper::principles::convex::iterate;
 use crate::solver::paper::uzawa;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
@@ -52,24 +52,16 @@ pub fn run<const D: usize>(
         let near = regularise(step, penalty, point.r.clone());
         let before = point.merit(problem);
         let enough = tuning::multiplier_enough() * before;
-        let (r, rigid) =
-            match newton::run_near(problem, &near, &point.r, &point.rigid, enough, monitor)? {
-                Some(better) => (better.r, better.rigid),
-                None => (point.r.clone(), point.rigid.clone()),
-            };
-        let next = PrinciplePoint::new(problem, r, rigid);
-        monitor.count(1.0);
-        if near.merit(problem, &next.r, &next.v) <= enough {
+        let (next, solved) = newton::approach(problem, &near, point, enough, monitor)?;
+        if solved {
             penalty = (tuning::penalty_rise() * penalty).min(tuning::penalty());
             return Ok(next);
         }
         let better = next.merit(problem) < before;
         if !better && penalty <= tuning::least_penalty() {
-            let r = point.r.clone();
-            let end = uzawa::run_burst(problem, &[], r, &point.rigid, monitor, steps)?;
+            let end = uzawa::run_burst(problem, &[], point, monitor, steps)?;
             steps *= 2;
-            monitor.count(1.0);
-            return Ok(PrinciplePoint::new(problem, end.r, end.rigid));
+            return Ok(end);
         }
         penalty = (tuning::penalty_fall() * penalty).max(tuning::least_penalty());
         Ok(if better { next } else { point.clone() })

@@ -14,6 +14,7 @@ use crate::law::cone::Status;
 use crate::linalg::small::{Block, Vector, dot, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::ComplianceForm;
 use crate::solver::newton::linearisation::{Linearisation, movable};
@@ -243,14 +244,9 @@ pub fn run<const D: usize>(
     start: &Start<D>,
     monitor: &mut Monitor<D>,
 ) -> Result<(), Ended> {
-    let mut r = vec![[0.0; D]; problem.contacts()];
-    let mut v = problem.q.clone();
-    if !start.reaction.is_empty() {
-        r.copy_from_slice(&start.reaction);
-        v = problem.relative_displacement(&r, &[]);
-        monitor.count(1.0);
-    }
-    let _ = monitor.look(&r, &v, &[], false)?;
+    let begin = EvaluatedPoint::begin(problem, start, monitor);
+    let _ = begin.look(monitor, false)?;
+    let (mut r, mut v) = (begin.r, begin.v);
     // Direction and spacing of the corners of contacts that slide.
     let mut fans: Vec<Option<(f64, f64)>> = vec![None; r.len()];
     let mut known = !start.reaction.is_empty();

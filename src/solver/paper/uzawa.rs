@@ -14,8 +14,8 @@ use crate::law::frozen::Frozen;
 use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::monitor::{Monitor, NextStep};
-use crate::solver::newton::compliance_form::Solved;
 use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
@@ -72,19 +72,18 @@ pub fn run<const D: usize>(
     }
 }
 
-/// Makes `count` steps with momentum and frozen laws from `(r, a)`. For a symmetric positive
+/// Makes `count` steps with momentum and frozen laws from a point. For a symmetric positive
 /// semidefinite `W` they converge, but slowly.
 pub fn run_burst<const D: usize>(
     problem: &Reduced<D>,
     frozen: &[Frozen<D>],
-    r: Vec<[f64; D]>,
-    rigid: &[f64],
+    from: &EvaluatedPoint<D>,
     monitor: &mut Monitor<D>,
     count: usize,
-) -> Result<Solved<D>, Ended> {
+) -> Result<EvaluatedPoint<D>, Ended> {
     let start = Start {
-        reaction: r,
-        rigid: rigid.to_vec(),
+        reaction: from.r.clone(),
+        rigid: from.rigid.clone(),
         closed: Vec::new(),
     };
     let mut map = Map::new(problem, Variant::Momentum, frozen, &start);
@@ -97,7 +96,8 @@ pub fn run_burst<const D: usize>(
     monitor.count(1.0);
     map.iterate(&mut point, monitor, count)?;
     let rigid = map.rigid(&point);
-    Ok(Solved { r: point.r, rigid })
+    monitor.count(1.0);
+    Ok(EvaluatedPoint::new(problem, point.r, rigid))
 }
 
 /// The map of one problem, with its step length and rigid motions.

@@ -8,7 +8,7 @@
 use crate::law::cone::project;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
-use crate::reduced::residual::{merit, residual};
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::newton::{self, Near};
 use crate::solver::outcome::Ended;
@@ -16,52 +16,16 @@ use crate::solver::paper::uzawa;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
 
-/// A point with its `v`.
-#[derive(Clone, Debug)]
-pub struct PrinciplePoint<const D: usize> {
-    pub r: Vec<[f64; D]>,
-    pub v: Vec<[f64; D]>,
-    pub rigid: Vec<f64>,
-}
-
-impl<const D: usize> PrinciplePoint<D> {
-    /// `‖(F, R̂ᵀ r̂ + ê)‖` of Coulomb's law.
-    pub fn merit(&self, problem: &Reduced<D>) -> f64 {
-        merit(problem, &self.r, &self.v)
-    }
-
-    /// η.
-    pub fn residual(&self, problem: &Reduced<D>) -> f64 {
-        residual(problem, &self.r, &self.v, &self.rigid)
-    }
-
-    /// The reference size of η.
-    pub fn size(&self, problem: &Reduced<D>) -> f64 {
-        let eta = self.residual(problem);
-        if eta > 0.0 {
-            self.merit(problem) / eta
-        } else {
-            0.0
-        }
-    }
-
-    /// Evaluates `v`.
-    pub fn new(problem: &Reduced<D>, r: Vec<[f64; D]>, rigid: Vec<f64>) -> Self {
-        let v = problem.relative_displacement(&r, &rigid);
-        Self { r, v, rigid }
-    }
-}
-
 /// Solves the problem with frozen laws from a point, until its merit is at most `enough`; the
 /// last point need not be the minimum if that takes too long. The monitor checks every point with
 /// Coulomb's law.
 pub fn minimise<const D: usize>(
     problem: &Reduced<D>,
     frozen: Vec<Frozen<D>>,
-    from: &PrinciplePoint<D>,
+    from: &EvaluatedPoint<D>,
     enough: f64,
     monitor: &mut Monitor<D>,
-) -> Result<PrinciplePoint<D>, Ended> {
+) -> Result<EvaluatedPoint<D>, Ended> {
     let near = Near::frozen(frozen);
     let mut point = from.clone();
     let mut enough = enough.max(rounding(problem, from, monitor));
@@ -70,12 +34,9 @@ pub fn minimise<const D: usize>(
         if near.merit(problem, &point.r, &point.v) <= enough {
             break;
         }
-        let better = newton::run_near(problem, &near, &point.r, &point.rigid, enough, monitor)?;
-        if let Some(better) = better {
-            point = PrinciplePoint::new(problem, better.r, better.rigid);
-        }
-        monitor.count(1.0);
-        if near.merit(problem, &point.r, &point.v) <= enough {
+        let (next, solved) = newton::approach(problem, &near, &point, enough, monitor)?;
+        point = next;
+        if solved {
             break;
         }
         if round == 0 {
@@ -85,10 +46,7 @@ pub fn minimise<const D: usize>(
                 break;
             }
         }
-        let r = std::mem::take(&mut point.r);
-        let end = uzawa::run_burst(problem, &near.frozen, r, &point.rigid, monitor, steps)?;
-        point = PrinciplePoint::new(problem, end.r, end.rigid);
-        monitor.count(1.0);
+        point = uzawa::run_burst(problem, &near.frozen, &point, monitor, steps)?;
         steps *= 2;
     }
     Ok(point)
@@ -97,17 +55,22 @@ pub fn minimise<const D: usize>(
 /// Below the last measured rounding of `W r + q` no iteration helps.
 pub fn rounding<const D: usize>(
     problem: &Reduced<D>,
-    point: &PrinciplePoint<D>,
+    point: &EvaluatedPoint<D>,
     monitor: &Monitor<D>,
 ) -> f64 {
-    monitor.floor() * point.size(problem)
+    let eta = point.residual(problem);
+    if eta > 0.0 {
+        monitor.floor() * (point.merit(problem) / eta)
+    } else {
+        0.0
+    }
 }
 
 /// The accuracy of the next problem of a principle: a share of the error of the point, and no
 /// smaller than the tolerance requires.
 pub fn enough<const D: usize>(
     problem: &Reduced<D>,
-    point: &PrinciplePoint<D>,
+    point: &EvaluatedPoint<D>,
     monitor: &Monitor<D>,
 ) -> f64 {
     let eta = point.residual(problem);
@@ -120,10 +83,10 @@ pub fn iterate<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-    mut pass: impl FnMut(&PrinciplePoint<D>, &mut Monitor<D>) -> Result<PrinciplePoint<D>, Ended>,
+    mut pass: impl FnMut(&EvaluatedPoint<D>, &mut Monitor<D>) -> Result<EvaluatedPoint<D>, Ended>,
 ) -> Result<(), Ended> {
-    let mut point = begin(problem, start, monitor);
-    let _ = monitor.look(&point.r, &point.v, &point.rigid, false)?;
+    let mut point = EvaluatedPoint::begin(problem, start, monitor);
+    let _ = point.look(monitor, false)?;
     into_cones(problem, &mut point, monitor);
     let (mut best, mut waited) = (f64::INFINITY, 0);
     while waited < tuning::principle_patience() {
@@ -131,9 +94,9 @@ pub fn iterate<const D: usize>(
         point = pass(&point, monitor)?;
         if monitor.iterations() == before {
             // A pass without any step counts too, so that limits hold.
-            point = PrinciplePoint::new(problem, point.r, point.rigid);
+            point = EvaluatedPoint::new(problem, point.r, point.rigid);
             monitor.count(1.0);
-            let _ = monitor.look(&point.r, &point.v, &point.rigid, true)?;
+            let _ = point.look(monitor, true)?;
         }
         let eta = point.residual(problem);
         waited += 1;
@@ -149,7 +112,7 @@ pub fn iterate_frozen<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-    frozen: impl Fn(&PrinciplePoint<D>) -> Vec<Frozen<D>>,
+    frozen: impl Fn(&EvaluatedPoint<D>) -> Vec<Frozen<D>>,
 ) -> Result<(), Ended> {
     iterate(problem, start, monitor, |point, monitor| {
         let enough = enough(problem, point, monitor);
@@ -157,37 +120,17 @@ pub fn iterate_frozen<const D: usize>(
     })
 }
 
-/// The start point.
-fn begin<const D: usize>(
-    problem: &Reduced<D>,
-    start: &Start<D>,
-    monitor: &mut Monitor<D>,
-) -> PrinciplePoint<D> {
-    let mut rigid = vec![0.0; problem.rigid.modes.len()];
-    if !start.rigid.is_empty() {
-        rigid.copy_from_slice(&start.rigid);
-    }
-    if start.reaction.is_empty() {
-        let r = vec![[0.0; D]; problem.contacts()];
-        let mut v = problem.q.clone();
-        problem.add_rigid(&rigid, &mut v);
-        return PrinciplePoint { r, v, rigid };
-    }
-    monitor.count(1.0);
-    PrinciplePoint::new(problem, start.reaction.clone(), rigid)
-}
-
 /// A start, or a minimum that is not exact, may lie outside the cones: its pressures would not be
 /// valid friction limits, and the bipotential is infinite.
 pub fn into_cones<const D: usize>(
     problem: &Reduced<D>,
-    point: &mut PrinciplePoint<D>,
+    point: &mut EvaluatedPoint<D>,
     monitor: &mut Monitor<D>,
 ) {
     let within = point.r.iter().zip(&problem.law);
     let r: Vec<[f64; D]> = within.map(|(r, law)| project(r, *law).0).collect();
     if r != point.r {
-        *point = PrinciplePoint::new(problem, r, std::mem::take(&mut point.rigid));
+        *point = EvaluatedPoint::new(problem, r, std::mem::take(&mut point.rigid));
         monitor.count(1.0);
     }
 }

@@ -9,11 +9,10 @@ use crate::law::bipotential::gap;
 use crate::law::frozen::Frozen;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Reduced;
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::monitor::Monitor;
 use crate::solver::outcome::Ended;
-use crate::solver::paper::principles::convex::{
-    PrinciplePoint, into_cones, iterate, minimise, rounding,
-};
+use crate::solver::paper::principles::convex::{into_cones, iterate, minimise, rounding};
 use crate::solver::paper::principles::displacement_principle;
 use crate::solver::paper::principles::stress_principle;
 use crate::solver::settings::Start;
@@ -55,8 +54,8 @@ impl<const D: usize> Sequence<D> {
 /// `W (τ − r)` is the difference of the two `v`, so that no product is needed.
 pub fn bifunctional<const D: usize>(
     problem: &Reduced<D>,
-    of_u: &PrinciplePoint<D>,
-    of_r: &PrinciplePoint<D>,
+    of_u: &EvaluatedPoint<D>,
+    of_r: &EvaluatedPoint<D>,
 ) -> f64 {
     (0..problem.contacts())
         .map(|i| {
@@ -75,8 +74,8 @@ pub fn bifunctional<const D: usize>(
 /// reactions.
 fn measure<const D: usize>(
     problem: &Reduced<D>,
-    of_u: &PrinciplePoint<D>,
-    of_r: &PrinciplePoint<D>,
+    of_u: &EvaluatedPoint<D>,
+    of_r: &EvaluatedPoint<D>,
     monitor: &Monitor<D>,
 ) -> (f64, f64) {
     let scaling = &problem.scaling;
@@ -94,12 +93,12 @@ fn measure<const D: usize>(
 /// `B` and its rounding.
 fn step<const D: usize>(
     problem: &Reduced<D>,
-    (frozen, from): (&[Frozen<D>], &PrinciplePoint<D>),
+    (frozen, from): (&[Frozen<D>], &EvaluatedPoint<D>),
     mut enough: f64,
     monitor: &mut Monitor<D>,
     largest: f64,
-    measure: impl Fn(&mut PrinciplePoint<D>, &mut Monitor<D>) -> (f64, f64),
-) -> Result<Option<(PrinciplePoint<D>, f64)>, Ended> {
+    measure: impl Fn(&mut EvaluatedPoint<D>, &mut Monitor<D>) -> (f64, f64),
+) -> Result<Option<(EvaluatedPoint<D>, f64)>, Ended> {
     let mut from = from.clone();
     for _ in 0..tuning::sequence_refinements() {
         let mut point = minimise(problem, frozen.to_vec(), &from, enough, monitor)?;
@@ -121,7 +120,7 @@ pub fn run<const D: usize>(
     monitor: &mut Monitor<D>,
     sequence: &mut Sequence<D>,
 ) -> Result<(), Ended> {
-    let mut of_u: Option<PrinciplePoint<D>> = None;
+    let mut of_u: Option<EvaluatedPoint<D>> = None;
     iterate(problem, start, monitor, |of_r, monitor| {
         if sequence.reaction.is_empty() {
             sequence.reaction.push(of_r.r.clone());
@@ -164,6 +163,6 @@ pub fn run<const D: usize>(
 }
 
 /// To second order in the error of the point.
-fn enough<const D: usize>(problem: &Reduced<D>, point: &PrinciplePoint<D>) -> f64 {
+fn enough<const D: usize>(problem: &Reduced<D>, point: &EvaluatedPoint<D>) -> f64 {
     tuning::sequence_share() * point.residual(problem).min(1.0) * point.merit(problem)
 }
