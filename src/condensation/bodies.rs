@@ -11,10 +11,9 @@ use crate::condensation::forecast::Forecast;
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::condensation::tuning;
-use crate::error::Error;
+use crate::error::{Error, check_finite, check_length};
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::reduced::memory::Budget;
-use crate::reduced::validate::{check_finite, check_length};
 
 /// Totals of one step: forces on all degrees of freedom, prescribed displacements.
 pub type Loads = (Vec<f64>, Vec<f64>);

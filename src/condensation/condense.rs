@@ -21,7 +21,7 @@ use crate::condensation::pattern_cache::{self, Lookup};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Share, Surface};
 use crate::condensation::tuning;
-use crate::error::Error;
+use crate::error::{Error, check_finite, check_length};
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::small::{TURNED, norm};
 use crate::linalg::sparse::csc::Symmetric;
@@ -31,7 +31,6 @@ use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::rotation::Rotation;
-use crate::reduced::validate::{check_finite, check_length};
 
 /// The arrays of a contact problem, borrowed from the caller.
 #[derive(Debug)]

@@ -9,11 +9,10 @@ use crate::condensation::candidates::{Candidates, seeds};
 use crate::condensation::condense::{Condensed, SortedProblem};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
-use crate::error::Error;
+use crate::error::{Error, check_finite, check_length};
 use crate::law::contact_law::{self, ContactLaw};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::rotation::Rotation;
-use crate::reduced::validate::{check_finite, check_length};
 
 /// Largest difference between relative displacements from `W` and from `u`, as a share of the
 /// largest motion of a contact. `W` may lose [`DIGITS`] before it is corrected, 2e-11 of it,

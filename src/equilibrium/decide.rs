@@ -9,7 +9,7 @@ use crate::equilibrium::part::Part;
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::repair::Repair;
 use crate::equilibrium::statics::Statics;
-use crate::error::Error;
+use crate::error::{Error, check_finite, check_length};
 
 /// A margin below this share of the mean load is rounding.
 const SURE: f64 = 1e-9;
@@ -79,20 +79,8 @@ impl Decision {
 
 /// Decides whether `Rᵀ r + e = 0` for some `r` of the cones.
 pub fn decide(statics: &Statics, load: &[f64], limits: Limits) -> Result<Decision, Error> {
-    if load.len() != statics.motions {
-        return Err(Error::Shape {
-            what: "e",
-            expected: statics.motions,
-            found: load.len(),
-        });
-    }
-    if let Some(index) = load.iter().position(|e| !e.is_finite()) {
-        return Err(Error::NotFinite {
-            what: "e",
-            index,
-            value: load[index],
-        });
-    }
+    check_length("e", load.len(), statics.motions)?;
+    check_finite("e", load)?;
     let lengths = statics.column_lengths();
     let mut place = vec![0; statics.motions];
     let mut whole = Decision::begin(statics, f64::INFINITY);

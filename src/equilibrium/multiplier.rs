@@ -9,7 +9,7 @@ use crate::equilibrium::programme::Limits;
 use crate::equilibrium::proof::Witness;
 use crate::equilibrium::repair::Repair;
 use crate::equilibrium::statics::Statics;
-use crate::error::Error;
+use crate::error::{Error, check_length};
 
 /// Shares of the multiplier above it, at which a mechanism has to prove that there is no balance.
 const ABOVE: [f64; 7] = [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4];
@@ -41,13 +41,7 @@ pub fn find_limit(
     live: &[f64],
     limits: Limits,
 ) -> Result<LimitLoad, Error> {
-    if live.len() != statics.motions {
-        return Err(Error::Shape {
-            what: "the live load",
-            expected: statics.motions,
-            found: live.len(),
-        });
-    }
+    check_length("the live load", live.len(), statics.motions)?;
     let without = decide(statics, dead, limits)?;
     let mut limit = LimitLoad {
         dead: without,

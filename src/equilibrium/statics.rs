@@ -1,6 +1,6 @@
 //! The contacts of a question of statics: the motions that they resist, and their cones.
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::compensated::Sum;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::linalg::union::Union;
@@ -46,19 +46,8 @@ impl Statics {
         for (what, numbers) in [("mu", &friction), ("cohesion", &cohesion)] {
             check_finite(what, numbers)?;
         }
-        let lengths = [
-            ("mu", friction.len(), count),
-            ("cohesion", cohesion.len(), sizes.len()),
-        ];
-        for (what, found, expected) in lengths {
-            if found != expected {
-                return Err(Error::Shape {
-                    what,
-                    expected,
-                    found,
-                });
-            }
-        }
+        check_length("mu", friction.len(), count)?;
+        check_length("cohesion", cohesion.len(), sizes.len())?;
         Ok(Self {
             rows: rows.select(Some),
             motions,

@@ -1,6 +1,6 @@
 //! The numbers of the law of a contact, in one record: all layers hand it on unopened.
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::small::tangential_norm;
 
 /// The largest friction coefficient. The products of two squares of such numbers, as in
@@ -92,13 +92,7 @@ impl From<f64> for ContactLaw {
 
 /// Checks the laws of so many contacts.
 pub fn check(laws: &[ContactLaw], contacts: usize) -> Result<(), Error> {
-    if laws.len() != contacts {
-        return Err(Error::Shape {
-            what: "mu",
-            expected: contacts,
-            found: laws.len(),
-        });
-    }
+    check_length("mu", laws.len(), contacts)?;
     laws.iter().enumerate().try_for_each(|(node, law)| {
         check_friction(node, law.mu)?;
         let ContactLaw {

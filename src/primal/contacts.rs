@@ -2,14 +2,13 @@
 
 use std::sync::Arc;
 
-use crate::error::Error;
+use crate::error::{Error, check_finite, check_length};
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::Block;
 use crate::primal::frames::Frames;
 use crate::primal::own_nodes::Frame;
 use crate::primal::tuning;
 use crate::reduced::compliance::{Compliance, Part};
-use crate::reduced::validate::{check_finite, check_length};
 
 /// The contacts of a problem.
 #[derive(Clone, Debug)]

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use crate::bodies::basis::{motions_of_nodes, translations_of_nodes};
 use crate::condensation::condense::ProblemArrays;
-use crate::error::Error;
+use crate::error::{Error, check_finite, check_length};
 use crate::law::cone::Status;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::amg;
@@ -30,7 +30,6 @@ use crate::primal::tangent::Tangent;
 use crate::primal::tuning;
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::rotation::Rotation;
-use crate::reduced::validate::{check_finite, check_length};
 
 /// Bodies and supports.
 #[derive(Debug)]

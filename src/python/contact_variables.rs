@@ -6,7 +6,7 @@ use std::sync::Arc;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-use crate::error::Error;
+use crate::error::{Error, check_finite};
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
@@ -23,7 +23,6 @@ use crate::python::arrays::{
 use crate::python::contact_values::{diagonal, factors, moved, offsets, work};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
-use crate::reduced::validate::check_finite;
 
 /// Contacts, and what is known of the nodes of their interface.
 pub(super) struct Interface<const D: usize> {

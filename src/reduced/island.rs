@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
 use crate::linalg::power_of_two::{exponent, times_two_to};
@@ -100,13 +100,7 @@ impl<'a, const D: usize> Island<'a, D> {
             Part::Dense(matrix) => (matrix.len(), m * m),
             Part::Sparse(blocks) => (D * blocks.rows(), m),
         };
-        if found != expected {
-            return Err(Error::Shape {
-                what: "W",
-                expected,
-                found,
-            });
-        }
+        check_length("W", found, expected)?;
         if let Part::Dense(matrix) = &part {
             if let Some(at) = matrix.iter().position(|c| !c.is_finite()) {
                 let caller = |k: usize| D * caller[k / D] + k % D;

@@ -13,4 +13,3 @@ pub mod rigid_motions;
 pub mod rotation;
 mod rounding;
 mod tuning;
-pub mod validate;

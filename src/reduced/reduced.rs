@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
-use crate::error::Error;
+use crate::error::{Error, check_finite, check_length};
 use crate::law::bipotential::law_step;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
@@ -15,7 +15,6 @@ use crate::reduced::compliance::{Compliance, Whole};
 use crate::reduced::gram::factor_gram;
 use crate::reduced::rigid_motions::{RigidMotions, border_block};
 use crate::reduced::tuning;
-use crate::reduced::validate::{check_finite, check_length};
 
 /// Rigid motions of bodies that only contact holds: `v = W r + R a + q` with `Rᵀ r + e = 0`.
 #[derive(Clone, Debug, Default)]
