@@ -156,7 +156,10 @@ enum Phase {
     Careful,
     Frictionless,
     /// More than a share of the friction of the law, from its solution.
-    Growing { reached: f64, increment: f64 },
+    Growing {
+        reached: f64,
+        increment: f64,
+    },
 }
 
 impl Phase {
@@ -173,7 +176,9 @@ impl Phase {
         let growing = |reached, increment| Some(Self::Growing { reached, increment });
         match (self, outcome) {
             (_, Outcome::Converged) if reached >= 1.0 => None,
-            (Self::Growing { increment, .. }, Outcome::Converged) => growing(reached, 2.0 * increment),
+            (Self::Growing { increment, .. }, Outcome::Converged) => {
+                growing(reached, 2.0 * increment)
+            }
             (_, Outcome::Converged) => growing(reached, tuning::first_share()),
             (Self::Careful, Outcome::Stalled) => Some(Self::Frictionless),
             (Self::Growing { reached, increment }, Outcome::Stalled)

@@ -13,7 +13,7 @@ use crate::law::alart_curnier::linearised;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::lu::Lu;
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{norm, tangential_norm};
+use crate::linalg::small::{minus_scaled, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::compliance_form::ComplianceForm;
 
@@ -76,9 +76,9 @@ fn margin<const D: usize>(
     r: &[[f64; D]],
     v: &[[f64; D]],
 ) -> Option<f64> {
-    let scaling = &problem.scaling;
-    let x = |i: usize| -> [f64; D] {
-        std::array::from_fn(|k| r[i][k] * scaling.to_r[i] - v[i][k] * scaling.to_v[i])
+    let x = |i: usize| {
+        let (r, v) = problem.scaling.scale(i, &r[i], &v[i]);
+        minus_scaled(&r, 1.0, &v)
     };
     let size = nodes
         .clone()
@@ -108,10 +108,8 @@ fn newton_step<const D: usize>(
     v: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Option<Corrected<D>>, Error> {
-    let scaling = &problem.scaling;
     let of_contact = |i: usize| {
-        let r = r[i].map(|c| c * scaling.to_r[i]);
-        let v = v[i].map(|c| c * scaling.to_v[i]);
+        let (r, v) = problem.scaling.scale(i, &r[i], &v[i]);
         (i, linearised(&r, &v, problem.law[i].mu))
     };
     let laws: Vec<_> = nodes.map(of_contact).collect();

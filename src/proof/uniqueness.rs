@@ -128,7 +128,9 @@ fn has_self_stress<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool
     let unknowns = |law: &ContactLaw| if law.has_friction() { D } else { 1 };
     problem.moves_rigidly()
         && problem.contradiction.is_none()
-        && r.iter().zip(&problem.law).all(|(r, law)| law.depth(r) > room)
+        && r.iter()
+            .zip(&problem.law)
+            .all(|(r, law)| law.depth(r) > room)
         && problem.law.iter().map(unknowns).sum::<usize>() > problem.rigid.modes.len()
 }
 

@@ -443,6 +443,12 @@ impl<const D: usize> Scaling<D> {
         norm(v.as_flattened())
     }
 
+    /// `r̂` and `v̂` of a contact.
+    pub fn scale(&self, contact: usize, r: &[f64; D], v: &[f64; D]) -> ([f64; D], [f64; D]) {
+        let (to_r, to_v) = (self.to_r[contact], self.to_v[contact]);
+        (r.map(|c| c * to_r), v.map(|c| c * to_v))
+    }
+
     /// `‖v̂‖` of a displacement.
     pub fn displacement_norm(&self, v: &[[f64; D]]) -> f64 {
         let rows = v.iter().zip(&self.to_v);

@@ -207,11 +207,9 @@ pub(super) fn law_norm<const D: usize>(
     most: f64,
     mut report: impl FnMut(usize, Status),
 ) -> f64 {
-    let scaling = &problem.scaling;
     let (mut squares, mut largest) = (0.0, 0.0_f64);
     for (i, (r, v)) in r.iter().zip(v).enumerate() {
-        let mut r = r.map(|c| c * scaling.to_r[i]);
-        let v = v.map(|c| c * scaling.to_v[i]);
+        let (mut r, v) = problem.scaling.scale(i, r, v);
         let mut law = problem.scaled_law(i);
         let share = if most.is_finite() {
             most / norm(&r)
@@ -278,7 +276,7 @@ impl<const D: usize> Undone<D> {
         let mut free = vec![[0.0; D]; r.len()];
         problem.add_rest(&shorten(problem, a, size), &mut free);
         let mut q = problem.q.clone();
-        for (i, _) in r.iter().enumerate().filter(|(_, r)| **r == [0.0; D]) {
+        for i in (0..r.len()).filter(|&i| r[i].iter().all(|&c| c == 0.0)) {
             (free[i], q[i]) = ([0.0; D], [0.0; D]);
         }
         Self { free, q }

@@ -68,8 +68,7 @@ impl Rounding {
         let [mut pressed, mut normal, mut plain] = [(); 3].map(|()| vec![0.0; r.len()]);
         for (i, still) in still.iter().enumerate() {
             let (law, own) = (&problem.law[i], normals.factor(i));
-            let scaled_r = r[i].map(|c| c * scaling.to_r[i]);
-            let scaled_v = v[i].map(|c| c * scaling.to_v[i]);
+            let (scaled_r, scaled_v) = scaling.scale(i, &r[i], &v[i]);
             let mut terms = *still;
             let mut blur = 0.0;
             for (k, term) in terms.iter_mut().enumerate() {
@@ -97,7 +96,7 @@ impl Rounding {
             // contact of rigid bodies has W_ii = 0, and its reactions may grow until ṽ̂ is below
             // their rounding.
             bound[i] = std::array::from_fn(|k| terms[k].max(of_r[k]));
-            if r[i] != [0.0; D] {
+            if r[i].iter().any(|&c| c != 0.0) {
                 bound[i][0] += law.mu * tangential_norm(&bound[i]);
             }
         }
@@ -134,7 +133,7 @@ fn feeling<const D: usize>(
     rounding: f64,
 ) -> [f64; D] {
     let open = law.opening(v) > rounding;
-    if open && law.cohesion == 0.0 && *r == [0.0; D] {
+    if open && law.cohesion == 0.0 && r.iter().all(|&c| c == 0.0) {
         return [0.0; D];
     }
     let (projected, status) = law_step(r, v, 1.0, *law);

@@ -194,6 +194,7 @@ impl<'p, const D: usize> Chain<'p, D> {
 
     /// The bilateral start of floating bodies may be near a minimum of the merit that is no
     /// solution.
+    #[expect(clippy::unnecessary_wraps, reason = "it is a stage")]
     fn start_from_zero(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
         if !self.problem.rigid.modes.is_empty() && self.start.closed.is_empty() {
             self.point = self.sweeper.start(&Start::default(), monitor);

@@ -65,9 +65,9 @@ pub fn statuses(laws: &[ContactLaw]) -> u64 {
 
 /// Result of trying all statuses.
 #[derive(Clone, Debug)]
-pub struct Enumeration {
+pub struct Enumeration<const D: usize> {
     /// Reactions in the order of positions, and rigid motions.
-    pub answers: Vec<(Vec<[f64; 2]>, Vec<f64>)>,
+    pub answers: Vec<(Vec<[f64; D]>, Vec<f64>)>,
     /// Whether no other solution exists. False if a choice of statuses does not determine the
     /// reactions, or fails a test only by rounding.
     pub complete: bool,
@@ -83,12 +83,12 @@ pub fn is_coulomb<const D: usize>(problem: &Reduced<D>) -> bool {
 /// Finds all solutions of a plane problem of up to [`MOST_CONTACTS`] contacts with Coulomb's law.
 ///
 /// An empty list with `complete` proves that the problem has no solution.
-pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, Error> {
+pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration<2>, Error> {
     within(problem, usize::MAX, stop)
 }
 
 /// [`answers`], incomplete if it needs more than `nodes` nodes of the tree.
-fn within(problem: &Reduced<2>, nodes: usize, stop: &AtomicBool) -> Result<Enumeration, Error> {
+fn within(problem: &Reduced<2>, nodes: usize, stop: &AtomicBool) -> Result<Enumeration<2>, Error> {
     let mut search = Search::new(problem, nodes, stop);
     if problem.contradiction.is_none() {
         search.bound()?;
@@ -103,14 +103,7 @@ fn within(problem: &Reduced<2>, nodes: usize, stop: &AtomicBool) -> Result<Enume
     Ok(search.found)
 }
 
-/// [`Enumeration`] in the type of a problem whose dimension is `D`.
-#[derive(Clone, Debug)]
-pub struct Few<const D: usize> {
-    pub answers: Vec<(Vec<[f64; D]>, Vec<f64>)>,
-    pub complete: bool,
-}
-
-impl<const D: usize> Few<D> {
+impl<const D: usize> Enumeration<D> {
     /// Whether this proves that the problem has no solution. With a definite `W` a solution
     /// exists for any μ, and an empty list is due to rounding. Only bodies that only contact
     /// holds may have no solution.
@@ -124,7 +117,7 @@ impl<const D: usize> Few<D> {
 pub fn few<const D: usize>(
     problem: &Reduced<D>,
     stop: &AtomicBool,
-) -> Result<Option<Few<D>>, Error> {
+) -> Result<Option<Enumeration<D>>, Error> {
     if D != 2 || problem.contacts() > MOST_CONTACTS || !is_coulomb(problem) {
         return Ok(None);
     }
@@ -150,9 +143,10 @@ pub fn few<const D: usize>(
         let r = r.iter().map(|r| std::array::from_fn(|k| r[k.min(1)]));
         (r.collect(), rigid)
     };
-    Ok(Some(Few {
+    Ok(Some(Enumeration {
         answers: found.answers.into_iter().map(own).collect(),
         complete: found.complete,
+        visited: found.visited,
     }))
 }
 
@@ -405,7 +399,7 @@ struct Search<'p> {
     limits: Vec<f64>,
     /// Scaled `(r̂, v̂)` of the solutions found so far.
     points: Vec<Vec<f64>>,
-    found: Enumeration,
+    found: Enumeration<2>,
 }
 
 impl<'p> Search<'p> {

@@ -197,9 +197,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         let eta = residual::residual(self.problem, r, v, a);
         if let Some(nothing) = self.check_zero(r, a) {
             self.log.history.push((self.log.work, nothing.residual));
-            self.log.best_reaction.fill([0.0; D]);
-            self.log.best_rigid.copy_from_slice(a);
-            self.log.certificate = Some(nothing);
+            self.keep(&vec![[0.0; D]; r.len()], a, nothing.residual, Some(nothing));
             return Err(Ended::Stopped(Outcome::Converged));
         }
         self.log.history.push((self.log.work, eta.min(f64::MAX)));
@@ -219,10 +217,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.floor = fresh.floor;
             let converged = fresh.converged(self.settings.tol);
             if converged || fresh.residual < self.best {
-                self.best = fresh.residual;
-                self.log.best_reaction.copy_from_slice(r);
-                self.log.best_rigid.copy_from_slice(a);
-                self.log.certificate = converged.then_some(fresh);
+                self.keep(r, a, fresh.residual, converged.then_some(fresh));
             }
             self.tell();
             if converged {
@@ -237,10 +232,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             if eta < tuning::better_share() * self.best {
                 self.last_better = self.log.iterations;
             }
-            self.best = eta;
-            self.log.best_reaction.copy_from_slice(r);
-            self.log.best_rigid.copy_from_slice(a);
-            self.log.certificate = None;
+            self.keep(r, a, eta, None);
         }
         self.tell();
         if eta < 0.5 * self.halved {
@@ -249,6 +241,13 @@ impl<'p, const D: usize> Monitor<'p, D> {
         }
         self.check_limits()?;
         Ok(NextStep::Continue)
+    }
+
+    fn keep(&mut self, r: &[[f64; D]], a: &[f64], eta: f64, certificate: Option<Certificate<D>>) {
+        self.best = eta;
+        self.log.best_reaction.copy_from_slice(r);
+        self.log.best_rigid.copy_from_slice(a);
+        self.log.certificate = certificate;
     }
 
     fn tell(&self) {

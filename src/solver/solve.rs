@@ -70,7 +70,13 @@ pub fn solve_watched<const D: usize>(
         return Ok(solution);
     }
     let mut sequence = Sequence::default();
-    let ended = run_from(problem, settings, (start, &resting), &mut monitor, &mut sequence);
+    let ended = run_from(
+        problem,
+        settings,
+        (start, &resting),
+        &mut monitor,
+        &mut sequence,
+    );
     let mut outcome = outcome_of(ended)?;
     let is_open = |outcome| !matches!(outcome, Outcome::Converged | Outcome::NoEquilibrium);
     let unasked = auto && resting.is_none() && !monitor.balanced();

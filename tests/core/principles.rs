@@ -317,7 +317,7 @@ fn the_bifunctional_may_decrease_to_a_positive_limit() {
 }
 
 /// The distance of the nearest answer.
-fn nearest(all: &Enumeration, reaction: &[[f64; 2]]) -> f64 {
+fn nearest(all: &Enumeration<2>, reaction: &[[f64; 2]]) -> f64 {
     let answers = all.answers.iter();
     let apart = answers.map(|(r, _)| difference(reaction, r));
     apart.fold(f64::INFINITY, f64::min)

@@ -72,7 +72,7 @@ impl Case {
         use_it(&coulomb(&compliance, &self.q, &self.mu, &self.rigid))
     }
 
-    fn all(&self) -> Enumeration {
+    fn all(&self) -> Enumeration<2> {
         self.with(|problem| answers(problem, &GO).unwrap())
     }
 

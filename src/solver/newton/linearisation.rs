@@ -51,10 +51,9 @@ impl<const D: usize> Linearisation<D> {
 
     /// Linearises the map of `r̂ − ρ v̂` at a point `(r, v)`.
     pub fn with_step(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]], rho: f64) -> Self {
-        let scaling = &problem.scaling;
         let of_node = |i: usize| {
-            let r = r[i].map(|c| c * scaling.to_r[i]);
-            let v = v[i].map(|c| c * scaling.to_v[i] * rho);
+            let (r, v) = problem.scaling.scale(i, &r[i], &v[i]);
+            let v = v.map(|c| c * rho);
             let mut at = linearised(&r, &v, problem.scaled_law(i));
             at = match at.status {
                 Status::Stick => hold(problem, i, &r, &v),
@@ -66,10 +65,14 @@ impl<const D: usize> Linearisation<D> {
             at.by_v *= rho;
             at
         };
+        Self::of(r.len(), of_node, true)
+    }
+
+    fn of(contacts: usize, of_node: impl Fn(usize) -> Linearised<D>, by_status: bool) -> Self {
         Self {
-            at: (0..r.len()).map(of_node).collect(),
+            at: (0..contacts).map(of_node).collect(),
             shift: 0.0,
-            by_status: true,
+            by_status,
         }
     }
 
@@ -89,25 +92,19 @@ impl<const D: usize> Linearisation<D> {
     ) -> Self {
         let scaling = &problem.scaling;
         let of_node = |i: usize| {
-            let (to_v, to_r) = (scaling.to_v[i], scaling.to_r[i]);
-            let (r, v) = (r[i].map(|c| c * to_r), v[i].map(|c| c * to_v));
-            let mut at = laws[i].scaled(to_v, to_r).linearised(&r, &v);
+            let (r, v) = scaling.scale(i, &r[i], &v[i]);
+            let law = laws[i].scaled(scaling.to_v[i], scaling.to_r[i]);
+            let mut at = law.linearised(&r, &v);
             for k in 0..D {
                 // A component that nothing can move is not held by a reaction.
                 if at.status != Status::Open && !movable(problem, i, k) {
-                    at.by_v.fill_row(k, 0.0);
-                    at.by_r.fill_row(k, 0.0);
-                    at.by_r[(k, k)] = 1.0;
+                    release(&mut at, k);
                     at.value[k] = 0.0;
                 }
             }
             at
         };
-        Self {
-            at: (0..r.len()).map(of_node).collect(),
-            shift: 0.0,
-            by_status: false,
-        }
+        Self::of(r.len(), of_node, false)
     }
 
     /// Some contacts held in every direction and the others open, from `(r, v)`.
@@ -117,10 +114,8 @@ impl<const D: usize> Linearisation<D> {
         r: &[[f64; D]],
         v: &[[f64; D]],
     ) -> Self {
-        let scaling = &problem.scaling;
         let of_node = |i: usize| {
-            let r = r[i].map(|c| c * scaling.to_r[i]);
-            let v = v[i].map(|c| c * scaling.to_v[i]);
+            let (r, v) = problem.scaling.scale(i, &r[i], &v[i]);
             if !holds(i) || !movable(problem, i, 0) {
                 return hold_open(problem, i, &r, &v);
             }
@@ -128,18 +123,13 @@ impl<const D: usize> Linearisation<D> {
             if !problem.law[i].has_friction() {
                 at.status = Status::Slip; // one unknown, the normal one
                 for (k, r) in r.iter().enumerate().skip(1) {
-                    at.by_v[(k, k)] = 0.0;
-                    at.by_r[(k, k)] = 1.0;
+                    release(&mut at, k);
                     at.value[k] = *r;
                 }
             }
             at
         };
-        Self {
-            at: (0..r.len()).map(of_node).collect(),
-            shift: 0.0,
-            by_status: true,
-        }
+        Self::of(r.len(), of_node, true)
     }
 }
 
@@ -154,12 +144,17 @@ fn hold_open<const D: usize>(
     let mut open = open_rows(r, v, &problem.scaled_law(node));
     if problem.law[node].cohesion > 0.0 {
         for k in (1..D).filter(|&k| !movable(problem, node, k)) {
-            open.by_v.fill_row(k, 0.0);
-            open.by_r.fill_row(k, 0.0);
-            open.by_r[(k, k)] = 1.0;
+            release(&mut open, k);
         }
     }
     open
+}
+
+/// Gives a component the row of a reaction alone.
+fn release<const D: usize>(at: &mut Linearised<D>, k: usize) {
+    at.by_v.fill_row(k, 0.0);
+    at.by_r.fill_row(k, 0.0);
+    at.by_r[(k, k)] = 1.0;
 }
 
 /// Rows of `v = 0`. A prescribed component cannot be held: its row makes the reaction zero.

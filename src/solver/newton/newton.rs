@@ -114,9 +114,10 @@ impl<const D: usize> Near<D> {
         let scaling = &problem.scaling;
         let (mut squares, mut largest) = (0.0, 0.0_f64);
         for (i, law) in self.frozen.iter().enumerate() {
-            let (to_v, to_r) = (scaling.to_v[i], scaling.to_r[i]);
-            let (r, v) = (r[i].map(|c| c * to_r), v[i].map(|c| c * to_v));
-            let next = law.scaled(to_v, to_r).step(&r, &v, 1.0);
+            let (r, v) = scaling.scale(i, &r[i], &v[i]);
+            let next = law
+                .scaled(scaling.to_v[i], scaling.to_r[i])
+                .step(&r, &v, 1.0);
             for (x, y) in r.iter().zip(&next) {
                 squares += (x - y).powi(2);
                 largest = largest.max((x - y).abs());

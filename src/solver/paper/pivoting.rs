@@ -11,7 +11,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use crate::error::Error;
 use crate::law::alart_curnier::Linearised;
 use crate::law::cone::Status;
-use crate::linalg::small::{Block, Vector, dot, tangential_norm};
+use crate::linalg::small::{Block, Vector, dot, minus_scaled, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
 use crate::solver::evaluated_point::EvaluatedPoint;
@@ -305,8 +305,8 @@ pub fn run<const D: usize>(
 
 /// `r̂ − v̂` of a contact.
 fn trial<const D: usize>(problem: &Reduced<D>, i: usize, r: &[f64; D], v: &[f64; D]) -> [f64; D] {
-    let scaling = &problem.scaling;
-    std::array::from_fn(|k| r[k] * scaling.to_r[i] - v[k] * scaling.to_v[i])
+    let (r, v) = problem.scaling.scale(i, r, v);
+    minus_scaled(&r, 1.0, &v)
 }
 
 /// An irregular fraction between 0 and 1: multiples of the golden ratio.
@@ -449,9 +449,8 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
                     }
                 }
             }
-            let r = Vector::from(r[i].map(|c| c * scaling.to_r[i]));
-            let v = Vector::from(v[i].map(|c| c * scaling.to_v[i]));
-            rows.value = rows.by_r * r + rows.by_v * v;
+            let (r, v) = scaling.scale(i, &r[i], &v[i]);
+            rows.value = rows.by_r * Vector::from(r) + rows.by_v * Vector::from(v);
             rows
         };
         Linearisation {
@@ -543,18 +542,11 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         let cell = self.cells[i];
         self.polygons[i].guards(cell, self.problem.law[i].mu, |guard| {
             if cell == Cell::Open || guard.to == from {
-                slope = guard.at(&self.to_r(i, dr), &self.to_v(i, dv));
+                let (dr, dv) = self.problem.scaling.scale(i, dr, dv);
+                slope = guard.at(&dr, &dv);
             }
         });
         slope < 0.0
-    }
-
-    fn to_r(&self, i: usize, r: &[f64; D]) -> [f64; D] {
-        r.map(|c| c * self.problem.scaling.to_r[i])
-    }
-
-    fn to_v(&self, i: usize, v: &[f64; D]) -> [f64; D] {
-        v.map(|c| c * self.problem.scaling.to_v[i])
     }
 
     /// The length of the step to the next boundary, with its contact and the cell beyond it; or
@@ -569,8 +561,8 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         let mut step = if dt < 0.0 { self.t } else { f64::INFINITY };
         let mut event = None;
         for (i, &cell) in self.cells.iter().enumerate() {
-            let (r, v) = (self.to_r(i, &self.r[i]), self.to_v(i, &self.v[i]));
-            let (dr, dv) = (self.to_r(i, &dr[i]), self.to_v(i, &dv[i]));
+            let (r, v) = self.problem.scaling.scale(i, &self.r[i], &self.v[i]);
+            let (dr, dv) = self.problem.scaling.scale(i, &dr[i], &dv[i]);
             self.polygons[i].guards(cell, self.problem.law[i].mu, |guard| {
                 // The boundary crossed last lies behind the point.
                 let back = |(j, from)| j == i && (cell == Cell::Open || guard.to == from);
