@@ -9,7 +9,7 @@ use std::iter::repeat;
 
 use crate::equilibrium::programme::{Limits, NEAR_ROUNDING, Programme};
 use crate::error::Error;
-use crate::linalg::small::norm;
+use crate::linalg::small::{amax, norm};
 use crate::linalg::sparse::rows::OwnedMatrix;
 
 /// Relative residuals and gap at which a search in space ends.
@@ -135,7 +135,7 @@ impl ConeSet {
         let moved = product(&self.rows, &y);
         let falls = -dot(cost, &y);
         let along = norm(&product(&self.equations, &y));
-        let size = moved.iter().fold(0.0, |m: f64, s| m.max(s.abs()));
+        let size = amax(&moved);
         let outside = -least(&self.depths(&moved));
         let still = along <= RAY * norm(&y) * norm(&self.equations.values).max(1.0);
         let least_bound = dot(equations, &self.right) - dot(&self.offset, multipliers);

@@ -13,7 +13,7 @@
 
 use crate::equilibrium::statics::Statics;
 use crate::linalg::compensated::ExactSum;
-use crate::linalg::small::norm;
+use crate::linalg::small::{amax, norm};
 
 /// Rounding of a few operations on numbers with an error of ε.
 const FEW: f64 = 16.0 * f64::EPSILON;
@@ -141,7 +141,7 @@ impl Squares {
 /// The motion whose largest amount, in lengths of columns, is 1.
 pub(super) fn normalise(motion: &[f64], lengths: &[f64]) -> Option<Vec<f64>> {
     let amounts: Vec<f64> = motion.iter().zip(lengths).map(|(d, l)| d * l).collect();
-    let largest = amounts.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
+    let largest = amax(&amounts);
     let usable = norm(&amounts).is_finite() && largest > 0.0;
     usable.then(|| motion.iter().map(|d| d / largest).collect())
 }

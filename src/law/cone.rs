@@ -3,7 +3,7 @@
 //! `docs/theory.md`.
 
 use crate::law::contact_law::ContactLaw;
-use crate::linalg::small::{Block, Vector, tangential_norm};
+use crate::linalg::small::{Block, Vector, amax, tangential_norm};
 
 /// The three states of a contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -38,7 +38,7 @@ pub(super) fn shifted<const D: usize>(
     tau: &[f64; D],
     project: impl Fn(&[f64; D], f64) -> ([f64; D], Status),
 ) -> ([f64; D], Status) {
-    let size = tau.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
+    let size = amax(tau);
     if size.is_finite() && (size > HUGE || (size < 1.0 / HUGE && size > 0.0)) {
         let exponent = if size > 1.0 { -SHIFT } else { SHIFT };
         let (up, down) = (2.0_f64.powi(exponent), 2.0_f64.powi(-exponent));

@@ -17,7 +17,7 @@ use crate::law::cone::Status;
 use crate::law::contact_law::ContactLaw;
 use crate::law::one_node::Habit;
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{Block, Vector, tangential_norm};
+use crate::linalg::small::{Block, Vector, amax, tangential_norm};
 
 /// Limit of evaluations. Most contacts need fewer than twelve.
 const TRIES: usize = 200;
@@ -57,8 +57,7 @@ pub(super) fn solve<const D: usize>(
     law: &ContactLaw,
     habit: Habit,
 ) -> Option<([f64; D], Status)> {
-    let largest = |x: &[f64]| x.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
-    let (stiff, free) = (largest(w.as_slice()), largest(q));
+    let (stiff, free) = (amax(w.as_slice()), amax(q));
     if free == 0.0 {
         return Some(([0.0; D], Status::Open));
     }

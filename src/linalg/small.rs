@@ -57,6 +57,11 @@ pub fn norm(a: &[f64]) -> f64 {
     largest * a.iter().map(|x| (x / largest).powi(2)).sum::<f64>().sqrt()
 }
 
+/// Largest magnitude.
+pub fn amax(a: &[f64]) -> f64 {
+    a.iter().fold(0.0, |m: f64, x| m.max(x.abs()))
+}
+
 /// The root of a sum of squares, or the largest number if the squares are outside the range of
 /// doubles: a vector that is not zero has a length.
 pub fn length(squares: f64, largest: f64) -> f64 {

@@ -13,7 +13,7 @@ use crate::law::alart_curnier::linearised;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::lu::Lu;
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{minus_scaled, norm, tangential_norm};
+use crate::linalg::small::{amax, minus_scaled, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::compliance_form::ComplianceForm;
 
@@ -80,10 +80,7 @@ fn margin<const D: usize>(
         let (r, v) = problem.scaling.scale(i, &r[i], &v[i]);
         minus_scaled(&r, 1.0, &v)
     };
-    let size = nodes
-        .clone()
-        .flat_map(x)
-        .fold(0.0_f64, |m, c| m.max(c.abs()));
+    let size = amax(&nodes.clone().flat_map(x).collect::<Vec<_>>());
     let margin = BORDER * size;
     let clear = |i: usize| {
         let (x, mu) = (x(i), problem.law[i].mu);

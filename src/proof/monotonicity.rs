@@ -22,7 +22,7 @@ use crate::law::contact_law::ContactLaw;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::{amax, dot_long, norm};
 use crate::linalg::verified_cholesky::{self, Lower, gamma};
 use crate::proof::tuning;
 use crate::reduced::reduced::Reduced;
@@ -479,8 +479,7 @@ pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
 /// By bisection with counts of negative pivots.
 fn largest_of_tridiagonal(diagonal: &[f64], beside: &[f64]) -> f64 {
     const HALVINGS: usize = 50;
-    let size = |values: &[f64]| values.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-    let (mut low, mut high) = (0.0, size(diagonal) + 2.0 * size(beside));
+    let (mut low, mut high) = (0.0, amax(diagonal) + 2.0 * amax(beside));
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
         let mut pivot = 1.0;

@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
+use crate::linalg::small::amax;
 use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
 use crate::proof::monotonicity::{KnownSlip, Monotonicity, Units, Weights};
@@ -124,7 +125,7 @@ fn apart(problem: &Reduced<2>, answers: &[(Vec<[f64; 2]>, Vec<f64>)]) -> bool {
 fn has_self_stress<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool {
     /// A reaction is inside by this share of the largest.
     const INSIDE: f64 = 1e-9;
-    let room = INSIDE * r.iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
+    let room = INSIDE * amax(r.as_flattened());
     let unknowns = |law: &ContactLaw| if law.has_friction() { D } else { 1 };
     problem.moves_rigidly()
         && problem.contradiction.is_none()

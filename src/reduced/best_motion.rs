@@ -16,7 +16,7 @@ use std::sync::atomic::AtomicBool;
 use crate::law::bipotential;
 use crate::law::cone::derivative;
 use crate::linalg::least_squares;
-use crate::linalg::small::{Block, Vector, dot, norm, tangential_norm};
+use crate::linalg::small::{Block, Vector, amax, dot, norm, tangential_norm};
 use crate::reduced::gram::factor_gram;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{law_norm, residual};
@@ -255,7 +255,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
     fn approach(&self, laws: &[Allowed<D>], mut motion: Vec<f64>) -> Vec<f64> {
         for _ in 0..tuning::motion_steps() {
             let v = self.at(&motion);
-            let size = v.iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
+            let size = amax(v.as_flattened());
             let margin = 16.0 * f64::EPSILON * (size + norm(&motion));
             let outside = |v: &[[f64; D]]| -> (Vec<[f64; D]>, Vec<Block<D>>) {
                 let contacts = laws.iter().zip(v);

@@ -80,18 +80,22 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// `T W T`.
     pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Compliance<'static, D>, Error> {
-        let part = |island: &Island<'a, D>| {
-            let caller = &self.order[island.nodes.clone()];
-            (caller.to_vec(), island.part().scaled(elliptic, caller))
-        };
-        Compliance::new(self.islands.iter().map(part).collect())
+        self.of_parts(|part, caller| part.scaled(elliptic, caller))
     }
 
     /// `Q W Qᵀ`.
     pub fn rotated(&self, rotation: &Rotation<D>) -> Result<Compliance<'static, D>, Error> {
+        self.of_parts(|part, caller| part.rotated(rotation, caller))
+    }
+
+    /// Each part replaced, with the numbers of its contacts.
+    fn of_parts(
+        &self,
+        of: impl Fn(&Part<'a, D>, &[usize]) -> Part<'static, D>,
+    ) -> Result<Compliance<'static, D>, Error> {
         let part = |island: &Island<'a, D>| {
             let caller = &self.order[island.nodes.clone()];
-            (caller.to_vec(), island.part().rotated(rotation, caller))
+            (caller.to_vec(), of(island.part(), caller))
         };
         Compliance::new(self.islands.iter().map(part).collect())
     }

@@ -13,7 +13,7 @@ use crate::error::{Error, check_length};
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{Block, Vector, dot_long};
+use crate::linalg::small::{Block, Vector, amax, dot_long};
 use crate::linalg::sparse::blocks::Blocks;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory;
@@ -167,7 +167,7 @@ impl<'a, const D: usize> Island<'a, D> {
             Part::Dense(matrix) => {
                 let pairs = self.transpose.iter().flat_map(|t| matrix.iter().zip(t));
                 let apart = pairs.fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
-                (apart, matrix.iter().fold(0.0, |m: f64, a| m.max(a.abs())))
+                (apart, amax(matrix))
             }
         }
     }

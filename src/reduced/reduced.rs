@@ -7,7 +7,7 @@ use crate::error::{Error, check_finite, check_length};
 use crate::law::bipotential::law_step;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{length, norm};
+use crate::linalg::small::{amax, length, norm};
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::sparse_lu::Analysis;
@@ -283,7 +283,7 @@ impl<const D: usize> Scaling<D> {
             .zip(&node)
             .flat_map(|(v, d)| v.map(|c| (c * d).abs()))
             .fold(0.0_f64, f64::max);
-        let force = rigid.load.iter().fold(0.0_f64, |m, e| m.max(e.abs()));
+        let force = amax(&rigid.load);
         let displacement_exponent = if free > 0.0 {
             exponent(free)
         } else if force > 0.0 {

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::dense;
-use crate::linalg::small::norm;
+use crate::linalg::small::{amax, norm};
 use crate::linalg::verified_cholesky::VerifiedCholesky;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::{Reduced, Rigid};
@@ -249,7 +249,7 @@ impl Tableau {
 
     /// Largest constant.
     fn size(&self) -> f64 {
-        largest(self.constants())
+        amax(self.constants())
     }
 
     fn column(&self, place: usize) -> &[f64] {
@@ -307,7 +307,7 @@ impl Tableau {
             let mut best = (0.0, 0, 0, 0.0);
             for (k, &unknown) in self.waiting.iter().enumerate() {
                 let column = self.column(self.place[unknown]);
-                let whole = largest(column).max(RANK);
+                let whole = amax(column).max(RANK);
                 for (e, &row) in self.equations.iter().enumerate() {
                     let pivot = column[row].abs();
                     if pivot > RANK && pivot / whole > best.0 {
@@ -377,10 +377,6 @@ impl Tableau {
         }
         rows
     }
-}
-
-fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0_f64, |m, x| m.max(x.abs()))
 }
 
 /// A test of the law, `Σ share · row ≥ 0` with two rows.
@@ -661,7 +657,7 @@ impl<'p> Search<'p> {
         // At the boundary between two statuses, both give the same solution.
         let same = |other: &Vec<f64>| {
             let apart = point.iter().zip(other).map(|(x, y)| (x - y).abs());
-            apart.fold(0.0, f64::max) <= SAME * largest(&point)
+            apart.fold(0.0, f64::max) <= SAME * amax(&point)
         };
         if !self.points.iter().any(same) {
             self.points.push(point);

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::face::{Face, Place};
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{norm, tangential_norm};
+use crate::linalg::small::{amax, norm, tangential_norm};
 use crate::linalg::verified_cholesky::{Ellipsoid, VerifiedCholesky, gamma};
 use crate::proof::contraction::contraction;
 use crate::proof::monotonicity::{
@@ -259,7 +259,7 @@ impl<const D: usize> BoundedIsland<D> {
     /// `xᵀ W x` for `x` over a power of two that makes its largest entry about one: the value,
     /// its error and the exponent.
     fn energy(&self, x: &[f64]) -> (f64, f64, i32) {
-        let e = exponent(x.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
+        let e = exponent(amax(x));
         let x: Vec<f64> = x.iter().map(|x| times_two_to(*x, -e)).collect();
         let moved = product(&self.half, &x);
         let energy: f64 = moved.iter().zip(&x).map(|(a, b)| a * b).sum();

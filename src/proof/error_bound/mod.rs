@@ -23,7 +23,7 @@ use crate::law::cone::project;
 use crate::law::contact_law::ContactLaw;
 use crate::law::face::Face;
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::dot;
+use crate::linalg::small::{amax, dot};
 use crate::linalg::verified_cholesky::gamma;
 use crate::proof::error_bound::island::{BoundedIsland, Candidate};
 use crate::proof::monotonicity::{Monotonicity, Touching, Units};
@@ -483,8 +483,7 @@ impl<const D: usize> Prepared<D> {
 /// The sum of the gaps over `½ rᵀ W r`. It is computed with `r` over a power of two, because
 /// the energy of small reactions underflows.
 fn share<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> Option<f64> {
-    let largest = r.iter().flatten().fold(0.0, |m: f64, x| m.max(x.abs()));
-    let e = exponent(largest);
+    let e = exponent(amax(r.as_flattened()));
     let unit: Vec<_> = r.iter().map(|r| r.map(|c| times_two_to(c, -e))).collect();
     let mut moved = vec![[0.0; D]; r.len()];
     problem.compliance.product(&unit, &mut moved);

@@ -5,7 +5,7 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::small::norm;
+use crate::linalg::small::{amax, norm};
 use crate::reduced::reduced::Reduced;
 use crate::solver::anderson::Anderson;
 use crate::solver::newton::linearisation::Linearisation;
@@ -238,9 +238,8 @@ fn solve<const D: usize>(
 /// `‖part‖ / ‖whole‖`, zero if both are zero. Scaled first, so that squares do not overflow in
 /// any unit.
 fn share(part: &[f64], whole: &[f64]) -> f64 {
-    let size = |a: &[f64]| a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-    let unit = size(part).max(size(whole));
-    if size(part) == 0.0 {
+    let unit = amax(part).max(amax(whole));
+    if amax(part) == 0.0 {
         return 0.0;
     }
     let scaled = |a: &[f64]| norm(&a.iter().map(|x| x / unit).collect::<Vec<_>>());

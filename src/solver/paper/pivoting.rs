@@ -11,7 +11,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use crate::error::Error;
 use crate::law::alart_curnier::Linearised;
 use crate::law::cone::Status;
-use crate::linalg::small::{Block, Vector, dot, minus_scaled, tangential_norm};
+use crate::linalg::small::{Block, Vector, amax, dot, minus_scaled, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
 use crate::solver::evaluated_point::EvaluatedPoint;
@@ -361,7 +361,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         let (mut cells, mut to_r, mut to_v) = (Vec::new(), r.to_vec(), v.to_vec());
         for (i, polygon) in polygons.iter().enumerate() {
             let (x, mu) = (trial(problem, i, &r[i], &v[i]), problem.law[i].mu);
-            let size = x.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
+            let size = amax(&x);
             let least = tuning::off_boundary() * (1.0 + fraction(i)) * size;
             let (least_r, least_v) = (least / scaling.to_r[i], least / scaling.to_v[i]);
             if x[0] <= 0.0 {
