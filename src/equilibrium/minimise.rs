@@ -66,14 +66,12 @@ impl ConeSet {
             programme.push(-f, self.equations.entries(equation));
         }
         programme.equal(self.right.len());
-        let mut first = 0;
-        for &size in &self.sizes {
+        for (first, &size) in self.firsts().zip(&self.sizes) {
             let count = self.count_rows(first, size);
             for row in first..first + count {
                 programme.push(self.offset[row], self.rows.entries(row));
             }
             programme.circular(count);
-            first += size;
         }
         // Circular cones have no vertices: the last digits would take twice the steps.
         let plane = self.sizes.iter().all(|&size| size <= 2);
@@ -114,12 +112,10 @@ impl ConeSet {
     fn spread(&self, multipliers: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (equations, mut rest) = multipliers.split_at(self.right.len());
         let mut rows = vec![0.0; self.offset.len()];
-        let mut first = 0;
-        for &size in &self.sizes {
+        for (first, &size) in self.firsts().zip(&self.sizes) {
             let count = self.count_rows(first, size);
             rows[first..first + count].copy_from_slice(&rest[..count]);
             rest = &rest[count..];
-            first += size;
         }
         (equations.to_vec(), rows)
     }
@@ -133,14 +129,16 @@ impl ConeSet {
     ) -> (Vec<f64>, bool, f64) {
         let (equations, multipliers) = dual;
         let moved = product(&self.rows, &y);
+        let point = |y: &[f64]| -> Vec<f64> {
+            let moved = product(&self.rows, y).into_iter();
+            moved.zip(&self.offset).map(|(s, h)| s + h).collect()
+        };
         let falls = -dot(cost, &y);
         let along = norm(&product(&self.equations, &y));
         let size = amax(&moved);
         let outside = -least(&self.depths(&moved));
         let still = along <= RAY * norm(&y) * norm(&self.equations.values).max(1.0);
         let least_bound = dot(equations, &self.right) - dot(&self.offset, multipliers);
-        let point: Vec<f64> = moved.iter().zip(&self.offset).map(|(s, h)| s + h).collect();
-        let inside = self.depths(&point);
         let balanced = self.leaves(&y) <= 1e-6 * (norm(&self.right) + norm(&y));
         let bound_holds = (-falls - least_bound).abs() <= 1e-4 * (falls.abs() + least_bound.abs());
         if falls > 0.0 && outside <= RAY * size && still && !(balanced && bound_holds) {
@@ -148,23 +146,17 @@ impl ConeSet {
         }
         if self.right.is_empty() {
             // A share of y = 0, which is in the cones, removes what rounding left outside.
-            let shares = self.depths(&self.offset).into_iter().zip(&inside);
-            let share = shares.filter(|(zero, lack)| **lack < 0.0 && zero > *lack);
+            let inside = self.depths(&point(&y));
+            let shares = self.depths(&self.offset).into_iter().zip(inside);
+            let share = shares.filter(|(zero, lack)| *lack < 0.0 && zero > lack);
             let share = share.map(|(zero, lack)| -lack / (zero - lack));
             let share = share.filter(|share| *share <= SHRINK).fold(0.0, f64::max);
             for amount in &mut y {
                 *amount *= 1.0 - share;
             }
         }
-        let point: Vec<f64> = product(&self.rows, &y)
-            .iter()
-            .zip(&self.offset)
-            .map(|(s, h)| s + h)
-            .collect();
-        let (wide, short) = (
-            (-least(&self.depths(&point))).max(0.0),
-            (-least(&self.depths(multipliers))).max(0.0),
-        );
+        let point = point(&y);
+        let [wide, short] = [&point, multipliers].map(|s| (-least(&self.depths(s))).max(0.0));
         let mut missing = cost.to_vec();
         for (matrix, multipliers) in [(&self.rows, multipliers), (&self.equations, equations)] {
             for (row, z) in multipliers.iter().enumerate() {

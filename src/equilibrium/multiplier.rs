@@ -70,10 +70,8 @@ pub fn find_limit(
         }
         let part = Part::new(statics, group, &lengths, dead, &mut place);
         let (multiplier, motion) = part.find_multiplier(live, limits)?;
-        if multiplier.is_finite() {
-            largest = largest.min(multiplier.max(0.0));
-        }
         let multiplier = if multiplier.is_finite() {
+            largest = largest.min(multiplier.max(0.0));
             multiplier.max(0.0)
         } else {
             0.0

@@ -7,7 +7,6 @@ use crate::equilibrium::decide::Verdict;
 use crate::error::Error;
 use crate::law::bipotential::law_step;
 use crate::law::cone::{Status, project};
-use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::{norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{self, Certificate};
@@ -353,31 +352,20 @@ fn within_cones<const D: usize>(
     /// Largest distance of sliding contacts from the boundary of the cone that is due to
     /// rounding.
     const RIM: f64 = 1e-12;
-    let outside = |(r, law): (&[f64; D], &ContactLaw)| {
-        tangential_norm(r) > law.limit(r[0]) * (1.0 + RIM) || r[0] < 0.0
-    };
     let scaling = &problem.scaling;
-    let open = |i: usize| {
+    let inside = |i: usize| {
+        let (law, mut within) = (problem.law[i], r[i]);
         let rho = scaling.to_v[i] / scaling.to_r[i];
-        problem.law[i].cohesion > 0.0
-            && law_step(&r[i], &v[i], rho, problem.law[i]).1 == Status::Open
-    };
-    let pressed = |i: usize| r[i][0] != 0.0 && open(i);
-    if !r.iter().zip(&problem.law).any(outside) && !(0..r.len()).any(pressed) {
-        return None;
-    }
-    let inside = |(i, pair): (usize, (&[f64; D], &ContactLaw))| {
-        let mut within = *pair.0;
-        if open(i) {
+        if law.cohesion > 0.0 && law_step(&r[i], &v[i], rho, law).1 == Status::Open {
             // Not onto C, which would press it again.
-            let share = (pair.1.cohesion / tangential_norm(&within)).min(1.0);
+            let share = (law.cohesion / tangential_norm(&within)).min(1.0);
             within = within.map(|c| share * c);
             within[0] = 0.0;
-        } else if outside(pair) {
-            within = project(&within, *pair.1).0;
+        } else if tangential_norm(&within) > law.limit(within[0]) * (1.0 + RIM) || within[0] < 0.0 {
+            within = project(&within, law).0;
         }
         within
     };
-    let contacts = r.iter().zip(&problem.law).enumerate();
-    Some(contacts.map(inside).collect())
+    let within: Vec<[f64; D]> = (0..r.len()).map(inside).collect();
+    (within != r).then_some(within)
 }
