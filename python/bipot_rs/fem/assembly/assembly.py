@@ -481,7 +481,7 @@ class Assembly:
         cell, ratio = find_most_slender(body.points[body.cells], body.kind)
         at = place(body.points[body.cells[cell]].mean(axis=0))
         motion = f"motion along {'xyz'[axis]} at {place(self.nodes[node])}"
-        cells = f" (the most slender is at {at}, {ratio:.2g} times as long as thick)"
+        cells = f" (the most slender is at {at}, {ratio:.0f} times as long as thick)"
         reason = describe_soft(f"body {body.name!r}", motion, cells)
         return with_message(error, reason)
 
