@@ -15,6 +15,7 @@ from bipot_rs.contact.law.resultants import find_moment
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.constraints.references import reference_named
+from bipot_rs.fem.constraints.ties import SAME, Ties
 
 
 def contacts_by_surface(model: Assembly) -> dict[str, Ints]:
@@ -106,18 +107,37 @@ def reference_force(
     ``K u - Bᵀ r`` at its degrees of freedom: the loads, and the reactions of its prescribed
     components, which balance the contact forces of an obstacle and the stress at a rigid
     set. A component that a support on nodes of the set determines is zero here: its reaction
-    is in `support_force`. So is one that another set with common nodes determines: its load
+    is in `support_force`. One across a plane of symmetry on which nodes of the set are is
+    zero too. So is one that another set with common nodes determines: its load
     is part of the force of that set. The moment has the shape of the rotation of
     `Assembly.reference_motion`, whose errors these are too.
     """
     point = reference_named(model.references, name)
     dofs = np.concatenate([point.dofs, point.turns])
-    carried = np.ones(len(dofs))
-    if model.ties is not None:
-        carried[np.isin(dofs, model.ties.dependent)] = 0.0
-    force = carried * np.stack([_find_unbalanced(model, step, dofs) for step in steps])
+    force = np.stack([_find_unbalanced(model, step, dofs) for step in steps])
     d = model.dim
+    if model.ties is not None:
+        force = _carry(force, dofs, model.ties, d)
     return force[:, :d], force[:, d:] * (point.arm or 1.0)
+
+
+def _carry(force: Floats, dofs: Ints, ties: Ties, d: int) -> Floats:
+    """The smallest force, and then the smallest moment, with the work of ``force``.
+
+    ``force (steps, m)`` acts at the independent ones of the degrees of freedom ``dofs`` of a
+    point, ``d`` translations first. Inclined planes relate these, and take any force in the
+    range of their relations.
+    """
+    at = np.isin(dofs, ties.dependent)
+    relations = (np.eye(len(dofs)) - ties.within[dofs][:, dofs].toarray())[at]
+    force = np.where(at, 0.0, force)
+    across, turning = relations[:, :d], relations[:, d:]
+    inverse = np.linalg.pinv(across, rcond=SAME)
+    force = force - force[:, :d] @ inverse @ relations
+    # What takes moments without forces.
+    left = (np.eye(len(relations)) - across @ inverse) @ turning
+    force[:, d:] -= force[:, d:] @ np.linalg.pinv(left, rcond=SAME) @ left
+    return force
 
 
 def _find_unbalanced(model: Assembly, step: Step, dofs: Ints) -> Floats:

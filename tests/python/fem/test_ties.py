@@ -7,12 +7,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import null_space, subspace_angles
+from scipy.spatial.transform import Rotation
 
 from bipot_rs import fem
 from bipot_rs.fem.assembly.assembly import Support
 from bipot_rs.fem.bodies.boundary import Symmetry
 from bipot_rs.fem.constraints.references import Remote
 from bipot_rs.fem.constraints.ties import Relations, make_ties
+from bipot_rs.fem.resultants import reference_force
 from support.boxes import box, placed
 from support.comparisons import close, near, refused
 
@@ -82,6 +84,34 @@ def test_an_inclined_plane_and_a_rigid_set() -> None:
     # Rounding times the condition of a small elastic body, 1e3.
     for side in ("right", "top"):
         close(solved(turn, side), solved(np.eye(2), side), 1e-12)
+
+
+@pytest.mark.parametrize("sides", [("left",), ("left", "front")])
+@pytest.mark.parametrize("point", [(0.5, 0.5, 2.0), (0.3, -0.4, 1.0)])
+def test_force_at_a_rigid_set_on_planes(sides: Any, point: Any) -> None:
+    """It turns with the body: planes take the force across them, however inclined."""
+    straight, mesh = np.eye(3), box("hexahedron", 2)
+
+    def carried(Q: Floats) -> Floats:
+        model = fem.assemble(
+            [fem.Body("it", placed(mesh, Q @ mesh.p), STEEL)],
+            [],
+            symmetries=[Symmetry("it", side) for side in sides],
+            remotes=[Remote("grip", "it", "top", Q @ point)],
+            springs=[fem.Spring("it", "right", 5.0)],
+        )
+        f = model.reference_force("grip", Q @ [1.3, 0.7, -2.0], Q @ [0.1, 0.2, 0.3])
+        steps = model.problem().solve(f)
+        force, moment = reference_force(model, steps, "grip")
+        return np.concatenate([force[0] @ Q, moment[0] @ Q])
+
+    wanted = carried(straight)
+    assert not wanted[0]
+    assert wanted[2] == pytest.approx(-2.0)
+    for vector in ([0.0, 0.0, 0.4], [0.3, -0.4, 0.5]):
+        turned = Rotation.from_rotvec(vector).as_matrix()
+        # Rounding times the condition of a small elastic body, 1e3.
+        close(carried(turned), wanted, 1e-11)
 
 
 def test_prescribed_values_that_contradict_a_relation() -> None:
