@@ -14,7 +14,7 @@ from bipot_rs.fem.assembly.assembly import Support
 from bipot_rs.fem.bodies.boundary import Symmetry
 from bipot_rs.fem.constraints.references import Remote
 from bipot_rs.fem.constraints.ties import Relations, make_ties
-from bipot_rs.fem.resultants import reference_force
+from bipot_rs.fem.resultants import reference_force, support_force
 from support.boxes import box, placed
 from support.comparisons import close, near, refused
 
@@ -112,6 +112,32 @@ def test_force_at_a_rigid_set_on_planes(sides: Any, point: Any) -> None:
         turned = Rotation.from_rotvec(vector).as_matrix()
         # Rounding times the condition of a small elastic body, 1e3.
         close(carried(turned), wanted, 1e-11)
+
+
+@pytest.mark.parametrize(
+    ("components", "moved"),
+    [((0,), [0.01]), ((1,), [0.02]), ((0, 1), [-0.006, 0.008])],
+)
+def test_supports_of_nodes_on_a_plane(components: Any, moved: Floats) -> None:
+    """The plane takes force across itself alone: along it, supports balance the loads."""
+    across, along = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
+    mesh = box("quadrilateral")
+    body = fem.Body(
+        "it",
+        placed(mesh, np.outer(across, mesh.p[0]) + np.outer(along, mesh.p[1])),
+        STEEL,
+    )
+    held = Support("it", "bottom", components)
+    model = fem.assemble([body], [], [held], symmetries=[Symmetry("it", "left")])
+    f = np.random.default_rng(0).normal(size=model.n)
+    result = model.problem().solve(f, model.prescribed([moved]))
+    u = result.displacement[0].reshape(-1, 2)
+    bottom = model.nodes @ along < 1e-9
+    near(u[bottom][:, components], np.tile(moved, (bottom.sum(), 1)), 1e-14)
+    near(u[model.nodes @ across < 1e-9] @ across, 0.0, 1e-14 * np.abs(u).max())
+    total = f.reshape(-1, 2).sum(axis=0) + support_force(model, result, "it.bottom")[0]
+    # Rounding of the stiffness of 200 times displacements of 0.1.
+    assert abs(total @ along) < 1e-12
 
 
 def test_prescribed_values_that_contradict_a_relation() -> None:
