@@ -331,9 +331,9 @@ def test_supports_on_nodes_of_a_rigid_set_hold_it() -> None:
     model = fem.assemble([block("hexahedron", 2)], [], held, remotes=remotes)
     (warning,) = inspect(model)
     assert warning == (
-        "supports on nodes of the rigid set 'grip' determine 6 of the 6 components of its "
-        "motion: loads at its point act on these supports; exclude the nodes by within if "
-        "the set should move"
+        "supports or symmetries on nodes of the rigid set 'grip' determine 6 of the 6 "
+        "components of its motion: loads at its point act on these; exclude the nodes by "
+        "within if the set should move"
     )
     f = model.body_force("it", [1.0, 2.0, -3.0])
     for part in model.reference_motion("grip", model.problem().solve(f).displacement):

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from bipot_rs import fem
 from bipot_rs.fem.assembly.assembly import Support
 from bipot_rs.fem.bodies.boundary import Symmetry
+from bipot_rs.fem.checks.inspection import inspect
 from bipot_rs.fem.constraints.references import Remote
 from bipot_rs.fem.constraints.ties import Relations, make_ties
 from bipot_rs.fem.resultants import reference_force, support_force
@@ -103,6 +104,8 @@ def test_force_at_a_rigid_set_on_planes(sides: Any, point: Any) -> None:
         f = model.reference_force("grip", Q @ [1.3, 0.7, -2.0], Q @ [0.1, 0.2, 0.3])
         steps = model.problem().solve(f)
         force, moment = reference_force(model, steps, "grip")
+        (warning,) = inspect(model)
+        assert f"'grip' determine {1 + len(sides)} of the 6 components" in warning
         return np.concatenate([force[0] @ Q, moment[0] @ Q])
 
     wanted = carried(straight)

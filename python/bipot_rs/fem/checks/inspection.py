@@ -263,17 +263,20 @@ def _determined(model: Assembly) -> Iterator[str]:
         dofs = np.concatenate([point.dofs, point.turns])
         rows = model.ties.within[dofs[np.isin(dofs, model.ties.dependent)]].tocoo()
         of_nodes = rows.col < model.nodes.size
-        held = len(np.unique(rows.row[of_nodes]))
+        # Symmetries leave relations between the components of a set, or none at all.
+        shared = np.unique(rows.row[~of_nodes & ~np.isin(rows.col, dofs)])
+        idle = point.idle[:, ~np.isin(point.turns, point.fixed)]
+        held = rows.shape[0] - len(shared) - int(np.linalg.matrix_rank(idle))
         nodes = np.unique(rows.col[of_nodes] // model.dim)
         many = (
-            f"supports on nodes of the rigid set {point.name!r} determine {held} of the "
-            f"{len(dofs)} components of its motion: loads at its point act on these "
-            "supports; exclude the nodes by within if the set should move"
+            f"supports or symmetries on nodes of the rigid set {point.name!r} determine "
+            f"{held} of the {len(dofs)} components of its motion: loads at its point act on "
+            "these; exclude the nodes by within if the set should move"
         )
         if held:
             yield (
                 many
-                if len(nodes) > 1
+                if len(nodes) != 1
                 else (
                     f"a support holds the node at {place(model.nodes[nodes[0]])} in {held} of "
                     f"{model.dim} directions: what {point.name!r} loads along them acts on the "
