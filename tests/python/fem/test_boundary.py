@@ -326,6 +326,26 @@ def test_planes_of_symmetry_turn_with_the_body(
         close(found, straight[name], part * (1 if name == "displacement" else 10))
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("between", ["plane", "bodies"])
+def test_held_nodes_that_touch(seed: int, between: str) -> None:
+    """However the body is turned: its gap is the rounding of coordinates, of either sign."""
+    turn = Rotation.random(random_state=seed).as_matrix()
+    mesh, out = fem.box([np.linspace(0, 1, 4)] * 3, "hexahedron"), turn[:, 0]
+    bodies = [
+        fem.Body("it", turned(mesh, turn), STEEL),
+        fem.Body("beside", turned(mesh, turn, out), STEEL),
+    ]
+    contact = fem.Contact("it", "right", 0.3, against=("beside", "left"))
+    if between == "plane":
+        del bodies[1]
+        contact = fem.Contact("it", "right", 0.3, plane=(out, -out))
+    held = [fem.Support(body.name, "bottom", (0, 1, 2)) for body in bodies]
+    model = fem.assemble(bodies, [contact], held)
+    assert not model.gap.any()
+    assert model.problem().solve(model.pressure("it", "top", 1.0)).success
+
+
 def test_the_iterative_engine_takes_contacts_at_an_inclined_plane() -> None:
     turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()
     body = fem.Body(

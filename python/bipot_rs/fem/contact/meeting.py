@@ -51,7 +51,17 @@ def follow_obstacle(
     met = _approach_nodes(side, obstacle, motion, nodes, since)
     smooth, nodal = split_clearance(contact, side)
     clearance = smooth(side.body.points[nodes]) + nodal[nodes]
-    return met._replace(distance=met.distance + clearance)
+    distance = _drop_rounding(met.distance + clearance, side.body.points[nodes])
+    return met._replace(distance=distance)
+
+
+def _drop_rounding(gap: Floats, points: Floats) -> Floats:
+    """Gaps without the rounding of coordinates: zero where nodes touch.
+
+    A node that supports hold may not penetrate, however little.
+    """
+    rounding = 8 * np.finfo(np.float64).eps * np.abs(points).max(initial=0.0)
+    return np.where(np.abs(gap) <= rounding, 0.0, gap)
 
 
 def weigh_obstacle(
@@ -165,7 +175,7 @@ def meet(bodies: NumberedBodies, n: int, contact: Contact) -> Meeting:
             and gap.min() < -_CLOSED * np.ptp(body.points, axis=0).max()
         ):
             refuse_itself(contact)
-        gap = gap + evaluate_clearance(contact, points)
+        gap = _drop_rounding(gap + evaluate_clearance(contact, points), points)
     dofs = np.stack([numbered.dofs[nodes, 0], partner], axis=1)
     return Meeting(points, frame, gap, area, dofs, moved=moved)
 
