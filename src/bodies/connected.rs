@@ -182,11 +182,7 @@ pub fn columns<I: Index>(
 ) -> OwnedMatrix {
     let mut out = OwnedMatrix::default();
     for &j in fixed {
-        for (i, value) in k.column(j).filter(|&(i, _)| position[i].is_none()) {
-            out.index.push(i);
-            out.values.push(value);
-        }
-        out.pointer.push(out.index.len());
+        out.push(k.column(j).filter(|&(i, _)| position[i].is_none()));
     }
     out
 }
@@ -214,11 +210,8 @@ pub fn split(k: OwnedMatrix, component: &[usize]) -> Vec<(Vec<usize>, OwnedMatri
     for (j, &c) in component.iter().enumerate() {
         let (rows, part) = &mut parts[c];
         rows.push(j);
-        for (i, value) in k.entries(j).filter(|&(i, _)| component[i] == c) {
-            part.index.push(local[i]);
-            part.values.push(value);
-        }
-        part.pointer.push(part.index.len());
+        let own = k.entries(j).filter(|&(i, _)| component[i] == c);
+        part.push(own.map(|(i, value)| (local[i], value)));
     }
     parts
 }

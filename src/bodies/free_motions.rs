@@ -13,6 +13,7 @@ use crate::bodies::softest::{
 use crate::bodies::tuning;
 use crate::error::Error;
 use crate::linalg::jacobi::combine;
+use crate::linalg::small::{amax, place_of_largest};
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::linalg::sparse::symbolic::Symbolic;
@@ -133,8 +134,7 @@ impl Question<'_> {
         for ((mut z, length), amounts) in columns.zip(&at_contacts.amounts) {
             let mut motion = combine(motions, amounts);
             // Relative to the motion itself: of one that moves no contact, rounding is left.
-            let largest = motion.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-            if !(length > SAME_BODY * largest) {
+            if !(length > SAME_BODY * amax(&motion)) {
                 return Err(self.refuse_floating(&motion));
             }
             for x in z.iter_mut().chain(&mut motion) {
@@ -153,14 +153,7 @@ impl Question<'_> {
     }
 
     fn find_most_moved(&self, motion: &[f64]) -> usize {
-        let most = (0..motion.len()).fold(0, |best, i| {
-            if motion[i].abs() > motion[best].abs() {
-                i
-            } else {
-                best
-            }
-        });
-        self.dofs[most]
+        self.dofs[place_of_largest(motion)]
     }
 
     fn refuse_indefinite(&self) -> Error {

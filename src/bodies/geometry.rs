@@ -15,7 +15,7 @@ use crate::bodies::rank::{Combinations, SAME_BODY, keep_independent};
 use crate::bodies::resistance::{ROUNDING, measure_resistance};
 use crate::bodies::tuning;
 use crate::linalg::jacobi::{combine, orthogonalise};
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::{amax, dot_long, norm};
 use crate::linalg::sparse::rows::OwnedMatrix;
 
 /// [`ROUNDING`] for a combination of motions, which adds the rounding of the rotations.
@@ -96,10 +96,7 @@ impl Geometry {
         let column = |k: usize| resisting.iter().map(|(_, forces)| forces[k]).collect();
         let resisted = Combinations::new((0..motions.len()).map(column).collect());
         let free = resisted.columns.iter().zip(&resisted.amounts);
-        let free = free.filter(|(resisted, _)| {
-            let largest = resisted.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-            largest <= COMBINED * f64::EPSILON
-        });
+        let free = free.filter(|(resisted, _)| amax(resisted) <= COMBINED * f64::EPSILON);
         Some(
             free.map(|(_, amounts)| combine(&motions, amounts))
                 .collect(),
@@ -165,7 +162,7 @@ fn restrict(motions: &[f64], m: usize, dofs: &[usize]) -> Vec<Vec<f64>> {
     let exceeds: Vec<bool> = of.exceed(SAME_BODY).collect();
     let kept = of.columns.into_iter().zip(exceeds);
     kept.filter_map(|(mut z, exceeds)| {
-        let largest = z.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        let largest = amax(&z);
         for x in &mut z {
             *x /= largest;
         }

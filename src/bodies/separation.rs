@@ -11,7 +11,7 @@ use crate::bodies::tuning;
 use crate::linalg::compensated;
 use crate::linalg::dense;
 use crate::linalg::jacobi::combine;
-use crate::linalg::small::dot_long;
+use crate::linalg::small::{amax, dot_long};
 use crate::linalg::sparse::rows::OwnedMatrix;
 
 /// Motions stiffer than this many times the shift vanish from the block within the rounds of
@@ -196,8 +196,7 @@ fn rounding_of(k: &OwnedMatrix) -> (f64, f64) {
     }
     #[expect(clippy::cast_precision_loss, reason = "an estimate")]
     let terms = 4.0 * n as f64 / tuning::rounding();
-    let largest = k.values.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
-    (terms.max(1.0) * f64::EPSILON, largest)
+    (terms.max(1.0) * f64::EPSILON, amax(&k.values))
 }
 
 impl RitzMotion {
@@ -205,7 +204,7 @@ impl RitzMotion {
     fn largest_row(&self, k: &OwnedMatrix) -> f64 {
         let x = &self.x;
         let forces = k.residual(x, &vec![0.0; x.len()]);
-        let largest = x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let largest = amax(x);
         let sizes: Vec<f64> = x.iter().map(|x| x.abs().max(LEAST * largest)).collect();
         let mut terms = vec![0.0; x.len()];
         k.add_absolute_product(&sizes, &mut terms);

@@ -204,11 +204,6 @@ impl AnalysedBody {
     }
 }
 
-/// The largest entry of a matrix by absolute value.
-pub fn largest(matrix: &OwnedMatrix) -> f64 {
-    matrix.values.iter().fold(0.0, |most, a| a.abs().max(most))
-}
-
 fn analyse(
     view: &Symmetric,
     dofs: &[usize],

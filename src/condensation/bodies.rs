@@ -174,9 +174,7 @@ impl Bodies {
         let mut whole = OwnedMatrix::default();
         for mut row in rows {
             row.sort_unstable_by_key(|&(column, _)| column);
-            whole.index.extend(row.iter().map(|&(column, _)| column));
-            whole.values.extend(row.iter().map(|&(_, k)| k));
-            whole.pointer.push(whole.index.len());
+            whole.push(row);
         }
         whole
     }
@@ -219,7 +217,6 @@ impl Bodies {
     /// state, (23).
     ///
     /// Iterative refinement with `K` itself removes the rounding of the factorisation.
-    /// leaves.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`]; [`Error::NotBalanced`]
@@ -359,55 +356,30 @@ impl Bodies {
 
     /// The counts of all bodies.
     pub fn stats(&self) -> Stats {
-        let mut stats = Stats {
-            bytes_peak: self.needed,
-            ..Stats::default()
-        };
-        for body in &self.list {
-            let counts = body.ordered().counts();
-            stats.nnz_factor += counts.nnz_factor;
-            stats.flops += counts.flops;
-            stats.bytes_factor += counts.bytes_factor;
-            stats.contact_dofs += body.kept();
-            stats.seconds_order += counts.seconds_order;
-            stats.seconds_symbolic += counts.seconds_symbolic;
-            if stats.ordering.is_empty() {
-                stats.ordering = counts.ordering;
-            }
-        }
-        stats.seconds_factor = self.seconds[0];
-        stats.seconds_compliance = self.seconds[1];
-        stats.bodies = self.list.len();
-        stats.orderings = self
-            .list
-            .iter()
-            .filter(|body| body.ordered().was_ordered)
-            .count();
+        let counts = || self.list.iter().map(|body| body.ordered().counts());
+        let ordered = self.list.iter().filter(|body| body.ordered().was_ordered);
         let most = |of: fn(&Body) -> f64| self.list.iter().map(of).fold(0.0, f64::max);
-        stats.cond_s = most(|body| body.contact.condition);
-        stats.amplification = most(|body| body.contact.amplification);
-        stats.factor_kept = self.list.iter().all(|body| body.factor().is_some());
-        stats
+        Stats {
+            forecast: Forecast::new(self.needed, counts()),
+            factor_kept: self.list.iter().all(|body| body.factor().is_some()),
+            islands: 0,
+            cond_s: most(|body| body.contact.condition),
+            amplification: most(|body| body.contact.amplification),
+            orderings: ordered.count(),
+            seconds_order: counts().map(|counts| counts.seconds_order).sum(),
+            seconds_symbolic: counts().map(|counts| counts.seconds_symbolic).sum(),
+            seconds_factor: self.seconds[0],
+            seconds_compliance: self.seconds[1],
+        }
     }
 }
 
 /// The counts of bodies that are analysed but not condensed; `dropped` as in [`needed`].
 pub fn forecast(parts: &[AnalysedBody], dropped: bool) -> Forecast {
-    let mut told = Forecast {
-        bodies: parts.len(),
-        bytes_peak: needed(parts, dropped),
-        ..Forecast::default()
-    };
-    for counts in parts.iter().map(AnalysedBody::counts) {
-        told.contact_dofs += counts.kept;
-        told.nnz_factor += counts.nnz_factor;
-        told.flops += counts.flops;
-        told.bytes_factor += counts.bytes_factor;
-        if told.ordering.is_empty() {
-            told.ordering = counts.ordering;
-        }
-    }
-    told
+    Forecast::new(
+        needed(parts, dropped),
+        parts.iter().map(AnalysedBody::counts),
+    )
 }
 
 /// Largest number of bytes during a condensation: those of all bodies, and the working memory

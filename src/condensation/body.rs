@@ -11,7 +11,7 @@ use crate::error::Error;
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::{amax, dot_long, norm, place_of_largest};
 use crate::linalg::sparse::multifrontal::Factor;
 
 /// If the error of `W` may exceed this many ε, it has lost the digits that the certificate
@@ -198,14 +198,7 @@ impl Body {
     /// The degree of freedom with the largest displacement in a rigid motion.
     pub fn most_moved(&self, motion: usize) -> usize {
         let mode = &self.contact.motions.kept[motion];
-        let most = (0..mode.len()).fold(0, |best, k| {
-            if mode[k].abs() > mode[best].abs() {
-                k
-            } else {
-                best
-            }
-        });
-        self.dofs()[self.ordered.kept[most]]
+        self.dofs()[self.ordered.kept[place_of_largest(mode)]]
     }
 
     /// Amounts of its rigid motions in a rigid displacement of all degrees of freedom.
@@ -268,8 +261,7 @@ impl Body {
         let motions = &self.contact.motions.whole;
         let mut work: Vec<f64> = motions.iter().map(of_motion).collect();
         let is_clear = |(motion, work): (&Vec<f64>, &f64)| {
-            let largest = motion.iter().fold(0.0_f64, |m, z| m.max(z.abs()));
-            *work == 0.0 || work.abs() > CLEAR * largest * size
+            *work == 0.0 || work.abs() > CLEAR * amax(motion) * size
         };
         if self.contact.amplification <= DIGITS
             && !motions.iter().zip(&work).all(is_clear)

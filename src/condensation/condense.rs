@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use crate::bodies::connected;
 use crate::bodies::geometry::{Geometry, Kinematics};
-use crate::condensation::analysed::{AnalysedBody, largest};
+use crate::condensation::analysed::AnalysedBody;
 use crate::condensation::assemble::{Source, assemble, bytes_beside};
 use crate::condensation::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
 use crate::condensation::forecast::Notice;
@@ -23,7 +23,7 @@ use crate::condensation::surface::{Share, Surface};
 use crate::condensation::tuning;
 use crate::error::{Error, check_finite, check_length};
 use crate::law::contact_law::{self, ContactLaw};
-use crate::linalg::small::{TURNED, norm};
+use crate::linalg::small::{TURNED, amax, norm};
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::compliance::Compliance;
@@ -154,7 +154,10 @@ pub fn analyse(
 ) -> Result<Vec<AnalysedBody>, Error> {
     let old = |b: usize| before.and_then(|bodies| bodies.list.get(b));
     let few = pattern_cache::limit()? > 0 && parts.len() <= tuning::searched_bodies();
-    let own: Vec<f64> = parts.par_iter().map(|(_, part)| largest(part)).collect();
+    let own: Vec<f64> = parts
+        .par_iter()
+        .map(|(_, part)| amax(&part.values))
+        .collect();
     let most = own.iter().copied().fold(0.0, f64::max);
     // The unit of a body without stiffness, such as a rigid obstacle under a force, is that of
     // the others. A unit of 1 N/m would make its α so small, in a system of units with large

@@ -2,6 +2,8 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use crate::linalg::sparse::symbolic::Counts;
+
 /// Counts of the analysis, summed over the bodies.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Forecast {
@@ -15,6 +17,27 @@ pub struct Forecast {
     /// Largest number of bytes during the condensation.
     pub bytes_peak: u128,
     pub ordering: &'static str,
+}
+
+impl Forecast {
+    /// Of bodies with these counts.
+    pub fn new<'a>(bytes_peak: u128, bodies: impl Iterator<Item = &'a Counts>) -> Self {
+        let mut told = Self {
+            bytes_peak,
+            ..Self::default()
+        };
+        for counts in bodies {
+            told.bodies += 1;
+            told.contact_dofs += counts.kept;
+            told.nnz_factor += counts.nnz_factor;
+            told.flops += counts.flops;
+            told.bytes_factor += counts.bytes_factor;
+            if told.ordering.is_empty() {
+                told.ordering = counts.ordering;
+            }
+        }
+        told
+    }
 }
 
 /// Passes a forecast to another thread.

@@ -33,6 +33,7 @@ struct PatternKey {
 struct CachedAnalysis {
     pattern: PatternKey,
     symbolic: Symbolic,
+    bytes: usize,
 }
 
 /// The last entry was used last.
@@ -62,13 +63,14 @@ impl Lookup<'_> {
 
     /// Stores the analysis of this pattern, within the limit.
     pub fn keep(&self, symbolic: &Symbolic) {
-        let size = self.bytes() + symbolic.counts().bytes_symbolic;
-        let Some(limit) = limit().ok().filter(|&limit| size <= limit) else {
+        let bytes = self.bytes() + symbolic.counts().bytes_symbolic;
+        let Some(limit) = limit().ok().filter(|&limit| bytes <= limit) else {
             return;
         };
         let entry = Arc::new(CachedAnalysis {
             pattern: self.pattern(),
             symbolic: symbolic.for_another(),
+            bytes,
         });
         let Some(mut list) = KNOWN.lock() else {
             return;
@@ -78,10 +80,10 @@ impl Lookup<'_> {
             return;
         }
         list.push(entry);
-        let mut held: usize = list.iter().map(|entry| entry.bytes()).sum();
+        let mut held: usize = list.iter().map(|entry| entry.bytes).sum();
         let beyond = list.iter().take_while(|entry| {
             let over = held > limit;
-            held -= entry.bytes();
+            held -= entry.bytes;
             over
         });
         let beyond = beyond.count();
@@ -131,20 +133,6 @@ impl Lookup<'_> {
     fn bytes(&self) -> usize {
         let short = self.matrix.col_ptr().len() + self.matrix.row_idx().len() + self.kept.len();
         4 * short + 24 * self.places.map_or(0, <[_]>::len)
-    }
-}
-
-impl CachedAnalysis {
-    fn bytes(&self) -> usize {
-        let PatternKey {
-            start,
-            index,
-            kept,
-            places,
-        } = &self.pattern;
-        let short = start.len() + index.len() + kept.len();
-        let places = places.as_ref().map_or(0, Vec::len);
-        4 * short + 24 * places + self.symbolic.counts().bytes_symbolic
     }
 }
 

@@ -11,6 +11,7 @@ use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::error::{Error, check_finite, check_length};
 use crate::law::contact_law::{self, ContactLaw};
+use crate::linalg::small::amax;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::rotation::Rotation;
 
@@ -197,21 +198,18 @@ impl<const D: usize> Problem<D> {
         let Confirmed { v, gap, slip } = held_to;
         let bodies = self.bodies();
         let moved = self.surface().product(&bodies.list, bodies.fixed(), u);
-        let length = |a: &[f64; D]| a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let all = moved.iter().chain(v).chain(gap).chain(slip);
-        let size = all.map(length).fold(0.0, f64::max);
+        let size = all.map(|a| amax(a)).fold(0.0, f64::max);
         let off = (0..v.len()).map(|i| {
             let off: [f64; D] = std::array::from_fn(|k| moved[i][k] + gap[i][k] - v[i][k]);
-            (i, length(&off))
+            (i, amax(&off))
         });
         let Some((contact, off)) = off.max_by(|a, b| a.1.total_cmp(&b.1)) else {
             return Ok(());
         };
         // If all contacts stick, `v` is the rounding of the displacements under the loads.
-        let explained = |u: &[f64]| {
-            let farthest = u.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-            off <= CONFIRMED * size + ALLOWED * DIGITS * f64::EPSILON * farthest
-        };
+        let explained =
+            |u: &[f64]| off <= CONFIRMED * size + ALLOWED * DIGITS * f64::EPSILON * amax(u);
         if explained(u) {
             return Ok(());
         }
@@ -225,11 +223,6 @@ impl<const D: usize> Problem<D> {
             return Ok(());
         }
         Err(Error::NotConfirmed { contact, off, size })
-    }
-
-    /// As [`Bodies::relative_displacement`].
-    pub fn relative_displacement(&self, state: Loaded<'_, D>) -> Result<Vec<[f64; D]>, Error> {
-        self.bodies().relative_displacement(self.surface(), state)
     }
 }
 

@@ -1,22 +1,17 @@
 //! The cost of a condensation, counted and timed.
 
+use crate::condensation::forecast::Forecast;
+
 /// Counts and seconds of a condensation.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Stats {
-    pub nnz_factor: usize,
-    pub flops: f64,
-    pub bytes_factor: usize,
-    /// Predicted before the allocation.
-    pub bytes_peak: u128,
+    pub forecast: Forecast,
     /// Whether the factor was kept, for displacements.
     pub factor_kept: bool,
-    pub contact_dofs: usize,
-    pub bodies: usize,
     pub islands: usize,
     pub cond_s: f64,
     /// Bound of the relative error of `W`, in ε; at least `cond_s`.
     pub amplification: f64,
-    pub ordering: &'static str,
     /// Bodies that were ordered; for the others an analysis was known.
     pub orderings: usize,
     pub seconds_order: f64,

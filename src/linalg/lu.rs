@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
 use crate::linalg::dense;
+use crate::linalg::small::amax;
 use crate::tasks;
 
 /// Columns of a panel.
@@ -36,7 +37,7 @@ impl Lu {
         assert_eq!(a.len(), n * n);
         // A pivot is a sum of up to n terms as large as the largest entry.
         #[expect(clippy::cast_precision_loss, reason = "an order")]
-        let rounding = n as f64 * f64::EPSILON * a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let rounding = n as f64 * f64::EPSILON * amax(&a);
         let mut factors = a;
         let found = factor(&mut factors, n, rounding, stop)?;
         Ok(found.map(|(order, odd)| Self {

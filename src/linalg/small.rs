@@ -50,7 +50,7 @@ pub fn norm(a: &[f64]) -> f64 {
     if squares > LEAST && squares < MOST {
         return squares.sqrt();
     }
-    let largest = a.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let largest = amax(a);
     if squares.is_nan() || largest == 0.0 || a.iter().any(|x| x.is_infinite()) {
         return squares.sqrt();
     }
@@ -60,6 +60,12 @@ pub fn norm(a: &[f64]) -> f64 {
 /// Largest magnitude.
 pub fn amax(a: &[f64]) -> f64 {
     a.iter().fold(0.0, |m: f64, x| m.max(x.abs()))
+}
+
+/// The first place of the largest magnitude.
+pub fn place_of_largest(values: &[f64]) -> usize {
+    let size = |i: usize| values[i].abs();
+    (0..values.len()).fold(0, |best, i| if size(i) > size(best) { i } else { best })
 }
 
 /// The root of a sum of squares, or the largest number if the squares are outside the range of

@@ -393,7 +393,9 @@ fn find_penetrating<const D: usize>(
         reaction: &reaction,
         rigid: &solution.rigid_motion,
     };
-    let total = problem.relative_displacement(state)?;
+    let total = problem
+        .bodies()
+        .relative_displacement(problem.surface(), state)?;
     let mut outside = vec![true; problem.contacts()];
     for &i in members {
         outside[i] = false;

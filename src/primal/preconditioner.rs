@@ -156,14 +156,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         joined.held.clone_from(&tangent.held);
         if !follow {
             self.multigrid = None;
-            for frame in self
-                .problem
-                .contacts
-                .frames
-                .list
-                .iter()
-                .filter(|f| f.node != usize::MAX)
-            {
+            for (_, frame) in self.problem.contacts.frames.with_node() {
                 joined.held[D * frame.node..D * (frame.node + 1)].fill(true);
             }
             if joined.glued.is_none() {

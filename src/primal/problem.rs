@@ -384,10 +384,7 @@ impl<const D: usize> Primal<D> {
         let mut about = self.stiffness.about_nodes(bodies, wanted);
         let motions = &mut about.motions;
         let m = motions.len() / self.stiffness.free.len().max(1);
-        for frame in &self.contacts.frames.list {
-            if frame.node == usize::MAX {
-                continue;
-            }
+        for (_, frame) in self.contacts.frames.with_node() {
             let own = &mut motions[D * frame.node * m..D * (frame.node + 1) * m];
             let before = own.to_vec();
             for k in 0..D {
@@ -423,13 +420,11 @@ impl<const D: usize> Primal<D> {
         };
         let mut rows = OwnedMatrix::default();
         let mut add = |contact: usize, direction: [f64; D]| {
-            for (k, factor) in direction.into_iter().enumerate().filter(|(_, f)| *f != 0.0) {
-                for (dof, b) in self.contact.entries(D * contact + k) {
-                    rows.index.push(dof);
-                    rows.values.push(factor * b);
-                }
-            }
-            rows.pointer.push(rows.index.len());
+            let parts = direction.into_iter().enumerate();
+            rows.push(parts.filter(|(_, f)| *f != 0.0).flat_map(|(k, factor)| {
+                let entries = self.contact.entries(D * contact + k);
+                entries.map(move |(dof, b)| (dof, factor * b))
+            }));
         };
         for (i, &status) in statuses.iter().enumerate() {
             let held = match status {
@@ -478,11 +473,7 @@ impl<const D: usize> Primal<D> {
     pub fn stiffness_by_rows(&self) -> OwnedMatrix {
         let (row, mut out) = (self.stiffness.rows(), OwnedMatrix::default());
         for i in 0..self.order() {
-            for (j, value) in row(i) {
-                out.index.push(j);
-                out.values.push(value);
-            }
-            out.pointer.push(out.index.len());
+            out.push(row(i));
         }
         out
     }

@@ -73,14 +73,15 @@ record! {
 impl<const D: usize> From<&Problem<D>> for PyStats {
     fn from(problem: &Problem<D>) -> Self {
         let (stats, bodies) = (problem.stats(), problem.bodies());
+        let counts = &stats.forecast;
         let motions = bodies.motions();
         Self {
             n: bodies.order(),
-            n_contact_dofs: stats.contact_dofs,
-            nnz_factor: stats.nnz_factor,
-            flops: stats.flops,
-            bytes_factor: stats.bytes_factor,
-            bytes_peak: stats.bytes_peak,
+            n_contact_dofs: counts.contact_dofs,
+            nnz_factor: counts.nnz_factor,
+            flops: counts.flops,
+            bytes_factor: counts.bytes_factor,
+            bytes_peak: counts.bytes_peak,
             bytes_compliance: problem.bytes_compliance(),
             cond_S: stats.cond_s,
             keeps_digits: stats.amplification <= DIGITS,
@@ -89,12 +90,12 @@ impl<const D: usize> From<&Problem<D>> for PyStats {
                 Problem::Whole(_) => None,
                 Problem::Growing { candidates, .. } => Some(candidates.seeds().len()),
             },
-            bodies: stats.bodies,
+            bodies: counts.bodies,
             islands: stats.islands,
             rigid_motions: motions.len(),
             rigid_motion_dofs: (0..motions.len()).map(|k| bodies.most_moved(k)).collect(),
             rigid_motion_bodies: motions.iter().map(|&(body, _)| body).collect(),
-            ordering: stats.ordering,
+            ordering: counts.ordering,
             orderings: stats.orderings,
             seconds_order: stats.seconds_order,
             seconds_symbolic: stats.seconds_symbolic,

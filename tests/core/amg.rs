@@ -94,10 +94,7 @@ fn iterations_on_other_cells() {
         ..grid
     };
     let stretched = |grid, sides| Grid { sides, ..grid };
-    let quadratic = Grid {
-        order: 2,
-        ..Grid::cube(7)
-    };
+    let quadratic = Grid::cube(7).quadratic();
     let soft = Grid {
         poisson: 0.45,
         ..cube
@@ -127,10 +124,7 @@ fn iterations_on_other_cells() {
 /// Bodies in one matrix, and one that nothing holds with loads that sum to no force or moment.
 #[test]
 fn bodies_without_supports() {
-    let free = Grid {
-        held: false,
-        ..Grid::cube(10)
-    };
+    let free = Grid::cube(10).floating();
     let pair = Grid::cube(8).assemble().beside(&free.assemble(), 20.0);
     for body in [free.assemble(), pair] {
         let (matrix, mut levels) = multigrid(&body, &CycleSettings::default());
@@ -368,10 +362,7 @@ fn what_a_hierarchy_followed_before_changes_no_bit() {
         // With a level between the finest and the coarsest.
         Grid::cube(18),
         Grid::square(40),
-        Grid {
-            order: 2,
-            ..Grid::cube(6)
-        },
+        Grid::cube(6).quadratic(),
         // Fewer unknowns than the coarsest level may have.
         Grid::cube(5),
     ] {

@@ -287,11 +287,7 @@ fn it_can_be_interrupted() {
 #[test]
 fn k_shows_bodies_their_surfaces_and_their_moduli() {
     let (poisson, cells) = (0.3, 4);
-    let block = Grid {
-        held: false,
-        ..Grid::cube(cells)
-    };
-    let one = block.assemble();
+    let one = Grid::cube(cells).floating().assemble();
     let both = one.clone().beside(&one, 100.0);
     let (nodes, _) = both.coordinates.as_chunks::<3>();
     let places: Vec<[f64; 3]> = nodes.iter().flat_map(|x| [*x; 3]).collect();
