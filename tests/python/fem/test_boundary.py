@@ -327,8 +327,17 @@ def test_planes_of_symmetry_turn_with_the_body(
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("between", ["plane", "bodies"])
-def test_held_nodes_that_touch(seed: int, between: str) -> None:
+@pytest.mark.parametrize(
+    ("between", "pairing"),
+    [
+        ("plane", "match"),
+        ("plane", "mortar"),
+        ("bodies", "match"),
+        ("bodies", "mortar"),
+        ("bodies", "nodes"),
+    ],
+)
+def test_held_nodes_that_touch(seed: int, between: str, pairing: Any) -> None:
     """However the body is turned: its gap is the rounding of coordinates, of either sign."""
     turn = Rotation.random(random_state=seed).as_matrix()
     mesh, out = fem.box([np.linspace(0, 1, 4)] * 3, "hexahedron"), turn[:, 0]
@@ -336,10 +345,12 @@ def test_held_nodes_that_touch(seed: int, between: str) -> None:
         fem.Body("it", turned(mesh, turn), STEEL),
         fem.Body("beside", turned(mesh, turn, out), STEEL),
     ]
-    contact = fem.Contact("it", "right", 0.3, against=("beside", "left"))
+    contact = fem.Contact(
+        "it", "right", 0.3, against=("beside", "left"), pairing=pairing
+    )
     if between == "plane":
         del bodies[1]
-        contact = fem.Contact("it", "right", 0.3, plane=(out, -out))
+        contact = replace(contact, against=None, plane=(out, -out))
     held = [fem.Support(body.name, "bottom", (0, 1, 2)) for body in bodies]
     model = fem.assemble(bodies, [contact], held)
     assert not model.gap.any()

@@ -93,6 +93,7 @@ def weigh_obstacle(
     means = weights.clearance[states:].reshape(states - 1, slave.dim, len(weights.node))
     drag[1:] = means.transpose(0, 2, 1)
     gap = weights.clearance[:states] + weights.slave @ nodal
+    gap = _drop_rounding(gap, side.body.points[weights.node])
     return slave, weights, Approach(met.normal, gap, drag)
 
 
@@ -231,7 +232,7 @@ def _meet_weighted(
     return Meeting(
         points=pairs.points,
         frame=pairs.frame,
-        gap=pairs.gap,
+        gap=_drop_rounding(pairs.gap, pairs.points),
         area=body.depth * pairs.area,
         dofs=np.stack([numbered.dofs[pairs.node, 0], partner], axis=1),
         rows=pairs.B,
