@@ -147,7 +147,8 @@ class Assembly:
     ties : bipot_rs.fem.constraints.ties.Ties or None
         Relations of inclined planes of symmetry, rigid sets, repetitions and bolts. K, B, the
         loads made here and `problem` include them. A `ContactProblem` made directly needs
-        ``ties.load(f)`` as the load instead of f.
+        ``ties.load(f)`` as the load instead of f, and its displacements are
+        ``ties.displacement(u)``.
     images : tuple of bipot_rs.fem.constraints.repetition.Images
         The nodes of the cuts of cyclic symmetries and periodicities.
     """
