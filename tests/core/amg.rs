@@ -3,6 +3,7 @@
 
 use bipot_rs::bodies::basis::motions_of_nodes;
 use bipot_rs::linalg::amg::block_matrix::BlockMatrix;
+use bipot_rs::linalg::amg::block_rows::products_in_registers;
 use bipot_rs::linalg::amg::following::Following;
 use bipot_rs::linalg::amg::multigrid::Multigrid;
 use bipot_rs::linalg::amg::nodes::LevelNodes;
@@ -14,6 +15,7 @@ use bipot_rs::linalg::conjugate_gradients;
 use bipot_rs::linalg::flexible_gmres::{self, Limits};
 use bipot_rs::linalg::parallel::norm;
 use bipot_rs::linalg::random_signs::random_signs;
+use bipot_rs::linalg::real::Real as _;
 
 use crate::common::elasticity::{Assembled, Cell, Grid};
 use crate::common::{GO, with_threads};
@@ -482,6 +484,37 @@ fn half_of_the_blocks_gives_whole_products() {
                     norm(&apart)
                 );
             }
+        }
+    }
+}
+
+/// Registers change no bit of a product: rows of none to eight blocks, an even and an odd number,
+/// with the last column.
+#[test]
+fn registers_do_not_change_bits() {
+    // Numbers of many sizes.
+    let numbers = |count: usize, seed: u64| -> Vec<f32> {
+        let of = |signs: &[f64]| signs.iter().map(|sign| sign + 0.6).product::<f64>();
+        let signs = random_signs(12 * count, seed);
+        signs.chunks_exact(12).map(of).map(f32::rounded).collect()
+    };
+    let nodes = 40;
+    let (mut start, mut column) = (vec![0], Vec::new());
+    for i in 0..nodes {
+        column.extend((0..nodes).filter(|j| (i * i + 7 * j) % 11 < i % 9));
+        start.push(u32::try_from(column.len()).unwrap());
+    }
+    for b in [2, 3, 6] {
+        let (values, x) = (
+            numbers(column.len() * b * b, 1),
+            numbers(nodes as usize * b, 2),
+        );
+        let products = products_in_registers(b, start.clone(), column.clone(), values, &x);
+        let bits = |y: &[f32]| y.iter().map(|y| y.to_bits()).collect::<Vec<_>>();
+        let (portable, others) = products.split_first().unwrap();
+        assert!(portable.iter().filter(|&&y| y != 0.0).count() > x.len() / 2);
+        for other in others {
+            assert_eq!(bits(other), bits(portable), "blocks of {b}");
         }
     }
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::linalg::amg::avx2;
 use crate::linalg::amg::avx512;
-use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
+use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS};
 use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::real::Real as _;
@@ -158,6 +158,62 @@ fn run_of<A: Blocks, const B: usize, const L: usize, const R: usize>(
         x,
         then,
     });
+}
+
+/// The product with a matrix in sixteen bits by the portable loop, then by the registers of AVX-512
+/// and of AVX2 if this processor has them. All have the same bits.
+///
+/// Row `i` has the blocks `start[i]..start[i + 1]` of `b` unknowns, each by columns.
+pub fn products_in_registers(
+    b: usize,
+    start: Vec<u32>,
+    column: Vec<u32>,
+    mut values: Vec<f32>,
+    x: &[f32],
+) -> Vec<Vec<f32>> {
+    values.resize(values.len() + PADDING, 0.0);
+    let matrix = ScaledBlocks::replace(BlockMatrix {
+        b,
+        start: start.into(),
+        column: column.into(),
+        values,
+        missing: Vec::new(),
+        held: Vec::new(),
+        exponent: 0,
+    });
+    match b {
+        2 => products_of::<2, 4, 1>(&matrix, x),
+        3 => products_of::<3, 4, 1>(&matrix, x),
+        6 => products_of::<6, 8, 3>(&matrix, x),
+        _ => unreachable!("blocks of 2, 3 or 6"),
+    }
+}
+
+fn products_of<const B: usize, const L: usize, const R: usize>(
+    matrix: &ScaledBlocks,
+    x: &[f32],
+) -> Vec<Vec<f32>> {
+    let nodes = 0..matrix.nodes();
+    let mut products = vec![vec![0.0; x.len()]];
+    widest(KernelRows::<_, _, B, L> {
+        matrix,
+        nodes: nodes.clone(),
+        x,
+        then: Store {
+            y: &mut products[0],
+        },
+    });
+    let mut y = vec![0.0; x.len()];
+    let store = |i: usize, product: &[f32; B]| y[B * i..][..B].copy_from_slice(product);
+    if avx512::rows::<B, R>(matrix, x, nodes.clone(), store) {
+        products.push(y);
+    }
+    let mut y = vec![0.0; x.len()];
+    let store = |i: usize, product: &[f32; B]| y[B * i..][..B].copy_from_slice(product);
+    if avx2::rows(matrix, x, nodes, store) {
+        products.push(y);
+    }
+    products
 }
 
 struct Store<'a> {
@@ -337,68 +393,4 @@ pub(super) fn first_step(
             with,
         }),
     });
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{KernelRows, ScaledBlocks, Store, avx2, avx512, widest};
-    use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING};
-    use crate::linalg::random_signs::random_signs;
-    use crate::linalg::real::Real as _;
-    use crate::linalg::sparse::csc::narrow;
-
-    /// Numbers of many sizes.
-    fn numbers(count: usize, seed: u64) -> Vec<f32> {
-        let signs = random_signs(12 * count, seed);
-        let of = signs.chunks_exact(12);
-        of.map(|signs| f32::rounded(signs.iter().fold(1.0, |x, sign| x * (sign + 0.6))))
-            .collect()
-    }
-
-    /// Rows of none to eight blocks, an even and an odd number, with the last column.
-    fn compare<const B: usize, const L: usize, const R: usize>() {
-        let nodes = 40;
-        let (mut start, mut column) = (vec![0], Vec::new());
-        for i in 0..nodes {
-            column.extend((0..nodes).filter(|j| (i * i + 7 * j) % 11 < i % 9));
-            start.push(narrow(column.len()));
-        }
-        let mut values = numbers(column.len() * B * B, 1);
-        values.resize(values.len() + PADDING, 0.0);
-        let matrix = ScaledBlocks::replace(BlockMatrix {
-            b: B,
-            start: start.into(),
-            column: column.into(),
-            values,
-            missing: Vec::new(),
-            held: Vec::new(),
-            exponent: 0,
-        });
-        let (x, rows) = (&numbers(nodes as usize * B, 2)[..], 0..nodes as usize);
-        let mut portable = vec![0.0; x.len()];
-        widest(KernelRows::<_, _, B, L> {
-            matrix: &matrix,
-            nodes: rows.clone(),
-            x,
-            then: Store { y: &mut portable },
-        });
-        assert!(portable.iter().filter(|&&y| y != 0.0).count() > x.len() / 2);
-        let bits = |y: &[f32]| y.iter().copied().map(f32::to_bits).collect::<Vec<_>>();
-        let mut y = vec![0.0; x.len()];
-        let finish = |i: usize, product: &[f32; B]| y[B * i..][..B].copy_from_slice(product);
-        if avx512::rows::<B, R>(&matrix, x, rows.clone(), finish) {
-            assert_eq!(bits(&y), bits(&portable));
-        }
-        let finish = |i: usize, product: &[f32; B]| y[B * i..][..B].copy_from_slice(product);
-        if avx2::rows(&matrix, x, rows, finish) {
-            assert_eq!(bits(&y), bits(&portable));
-        }
-    }
-
-    #[test]
-    fn registers_do_not_change_bits() {
-        compare::<2, 4, 1>();
-        compare::<3, 4, 1>();
-        compare::<6, 8, 3>();
-    }
 }

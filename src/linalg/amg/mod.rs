@@ -21,7 +21,7 @@ mod aggregates;
 mod avx2;
 mod avx512;
 pub mod block_matrix;
-mod block_rows;
+pub mod block_rows;
 pub mod changed_rows;
 mod coarsest;
 mod cycle;
