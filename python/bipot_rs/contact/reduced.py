@@ -174,8 +174,10 @@ class ReducedProblem:
         """The problem in the core."""
         force = np.empty(0) if self.rigid is None else self.rigid[1]
         rows, columns = self.q.size, len(force)
-        if isinstance(self._R, np.ndarray):
-            starts = np.arange(0, rows * columns + 1, max(columns, 1))
+        if columns == 0:
+            modes = _NO_MODES
+        elif isinstance(self._R, np.ndarray):
+            starts = np.arange(0, rows * columns + 1, columns)
             modes = starts, np.tile(np.arange(columns), rows), self._R.ravel()
         else:
             from bipot_rs.contact.proof.equilibrium import csr_parts
@@ -695,6 +697,9 @@ def _check_motions(R: MatrixLike) -> Floats | CsrMatrix:
 
 
 _Part = tuple[list[int], Floats, tuple[list[int], list[int]] | None]
+
+# `R` without columns: made once, because a problem of few contacts takes microseconds.
+_NO_MODES = np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0)
 
 
 def _find_islands(W: MatrixLike, contacts: int, d: int) -> list[_Part]:
