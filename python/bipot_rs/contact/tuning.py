@@ -82,9 +82,9 @@ LEAST_SECANT = 1e-6
 # Largest condition of the rows of a contact by which a displacement is copied.
 MOST_OBLIQUE = 1e6
 
-# --- Stiffness with few digits (stiffness/digits.py): the 241 tests of test_stiffness_digits.py
-# and test_lost_digits.py in tests/python/contact/stiffness. Where nothing else is said, all of
-# them have the same outcome with half and with twice the value.
+# --- Stiffness with few digits (stiffness/digits.py): the tests of test_stiffness_digits.py in
+# tests/python/contact/stiffness. Where nothing else is said, all of them have the same outcome
+# with half and with twice the value.
 
 # Largest stiffness_rtol: fewer digits would also spoil the elasticity. Half and twice: values
 # between the two are refused or taken.

@@ -354,24 +354,6 @@ def glued(length: float, stress: float) -> bp.Model:
     return m
 
 
-def test_a_scene_multiplies_the_cohesion_by_areas() -> None:
-    model = glued(1.0, 1.0)
-    arrays = model.assemble().model
-    assert arrays.cohesion == pytest.approx(3.0 * arrays.area)
-    result = model.solve()
-    lifted = arrays.group == 1
-    assert not result.broken[0].any()
-    assert result.broken[1, lifted].any()
-    assert (result.broken[2] >= result.broken[1]).all()
-    assert not result.broken[:, ~lifted].any()
-    other = glued(1e3, 1e-2).solve()
-    assert (other.broken == result.broken).all()
-    # In the plane forces are per thickness, which is one in both units.
-    force = 1e3 * 1e-2
-    size = np.abs(result.reaction).max()
-    assert np.abs(other.reaction / force - result.reaction).max() <= 1e-8 * size
-
-
 def test_a_run_writes_what_is_broken(tmp_path: Path, bipot: Any) -> None:
     glued(1.0, 1.0).to_toml(tmp_path / "glued.toml")
     _, output, _ = bipot("run", "glued.toml", "--out", "out", "--json")

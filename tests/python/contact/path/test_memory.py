@@ -104,20 +104,6 @@ def test_ten_thousand_small_problems() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
-def test_a_thousand_load_steps() -> None:
-    problem, load = bar_problem(10)
-    steps: list[bp.Step] = []
-
-    def step(k: int) -> None:
-        moved = pulled(load, np.array([30 * np.sin(0.3 * k)]))
-        steps[:] = problem.solve(moved, start=steps[0] if steps else None)[-1:]
-        _ = steps[0].displacement
-
-    growth(step, 100, 1000)
-
-
-@pytest.mark.slow
 def test_callbacks_that_raise() -> None:
     problem, load = bar_problem(6)
 

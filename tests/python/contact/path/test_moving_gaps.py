@@ -109,30 +109,6 @@ def test_a_moving_wall_equals_a_moving_body(dim: int) -> None:
     close(moving.displacement - np.tile(shift.T, n), body.displacement)
 
 
-def test_friction_reverses_with_the_wall() -> None:
-    """A wall rubs to and fro: friction reverses with it, and slip adds up."""
-    problem = make(2)
-    gap = setup(2)[2]
-    there = np.zeros((4, len(gap), 2))
-    there[:, :, 0] = gap - 0.03
-    there[:, :, 1] = -np.array([0.0, 0.05, 0.1, 0.0])[:, None]
-    result = problem.solve(gap=there, tol=TOL)
-    pressed = result.reaction[:, :, 0] > 0
-    drag = 0.3 * result.reaction[:, :, 0]
-    # Far enough for all contacts to slide; the wall drags the body, then back.
-    for k, sense in ((2, 1.0), (3, -1.0)):
-        assert pressed[k].sum() >= 5
-        np.testing.assert_allclose(result.reaction[k, :, 1], sense * drag[k], rtol=1e-9)
-    total = result.slip.sum(axis=0)[:, 0]
-    np.testing.assert_allclose(
-        total, result.relative_displacement[-1, :, 1], rtol=1e-12
-    )
-    # Relative displacement is that of the body minus that of the wall.
-    body = setup(2)[0]
-    moved = (body.B @ result.displacement.T).T.reshape(4, -1, 2)
-    close(result.relative_displacement, moved + there)
-
-
 def of_angle(angle: float) -> np.ndarray:
     """Frame (n, t) with n along y, turned by an angle."""
     c, s = np.cos(angle), np.sin(angle)

@@ -63,18 +63,6 @@ def test_any_number_of_threads(num_threads: int | None, expected: bytes) -> None
     assert answer(num_threads) == expected
 
 
-def test_child_of_a_child_of_a_child(expected: bytes) -> None:
-    """A child does not have the threads of the parent's pool."""
-
-    def descend(generations: int) -> None:
-        assert answer() == expected
-        if generations:
-            below = forked(lambda: descend(generations - 1))
-            assert below.returncode == 0
-
-    assert forked(lambda: descend(3)).returncode == 0
-
-
 @pytest.mark.parametrize("engine", ["direct", "iterative"])
 @pytest.mark.slow_variants("direct")
 def test_a_forked_child_with_a_large_matrix(engine: str) -> None:

@@ -94,27 +94,6 @@ def test_the_state_of_a_step_continues_its_path(d: int, free: bool, seed: int) -
     np.testing.assert_array_equal(rest.start.reaction, last.reaction)
 
 
-def test_reactions_of_the_state_do_not_enter_the_law() -> None:
-    """In totals (10) has no t⁰: any reactions give the same unique answer."""
-    problem, load = bodies(np.random.default_rng(7), 3, free=False)
-    rng = np.random.default_rng(8)
-    where = np.column_stack([np.zeros(6), 0.1 * rng.normal(size=(6, 2))])
-    answers = [
-        problem.solve(
-            load[0],
-            start=bp.State(reaction=t0, relative_displacement=where),
-            tol=1e-13,
-        ).reaction
-        for t0 in (
-            np.zeros((6, 3)),
-            np.abs(rng.normal(size=(6, 3))),
-            1e3 * np.ones((6, 3)),
-        )
-    ]
-    for other in answers[1:]:
-        assert other == pytest.approx(answers[0], abs=1e-9)
-
-
 def test_increments_from_the_state_satisfy_the_forms_of_the_paper() -> None:
     """(51) to (83) of [dSF91], with t⁰, u⁰ of the state and h₀ = gap."""
     problem = bp.ContactProblem(np.diag([2.0, 1.0]), np.eye(2), gap=[0.2], mu=0.4)

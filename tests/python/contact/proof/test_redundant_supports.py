@@ -1,42 +1,11 @@
 """Redundant supports: W is singular and reactions are not determined, but solutions exist."""
 
 import numpy as np
-import problems
 import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem
-from support.conditions import violation
 from support.contacts import rigid_rows
-
-TOL = 1e-10
-
-
-# From the first 150 seeds: those that neither sweeps nor Newton's method solve within
-# 20,000 products with W, and some that they do solve.
-SEEDS = (0, 8, 10, 22, 26, 50, 55, 82, 93, 103, 137)
-
-
-@pytest.mark.parametrize(
-    "seeds", [SEEDS[::3], pytest.param(SEEDS, marks=pytest.mark.slow)]
-)
-@pytest.mark.slow
-def test_assemblies_of_rigid_bodies(seeds: tuple[int, ...]) -> None:
-    """All but one converge: near a stall the last bit of W, which depends on the BLAS,
-    decides which one does not. An unsolved problem must not be reported as solved."""
-    solved = 0
-    for seed in seeds:
-        assembly = problems.rigid(seed)
-        assert np.linalg.matrix_rank(assembly.W) < len(assembly.W)
-        solution = bp.ReducedProblem(assembly.W, assembly.q, assembly.mu).solve(tol=TOL)
-        r = solution.reaction
-        v = (assembly.W @ r.ravel()).reshape(r.shape) + assembly.q
-        # η bounds the violation of each condition in scaled variables; in one assembly masses,
-        # and so W, differ by a factor of a hundred.
-        missed = violation(r, v, assembly.mu, assembly.q)
-        assert solution.converged == (missed <= 1e3 * TOL)
-        solved += solution.converged and solution.work < 20_000
-    assert solved >= len(seeds) - 1
 
 
 def test_a_weight_on_sixty_supports_in_a_plane() -> None:
@@ -62,6 +31,6 @@ def test_work_does_not_grow_as_a_body_becomes_incompressible(nu: float) -> None:
     plane = fem.Contact("a", "bottom", 0.3, plane=((0, 0), (0, 1)))
     model = fem.assemble([body], [plane], [fem.Support("a", "top", (0, 1))])
     moved = model.prescribed([(0.004, -0.01)])
-    step = model.problem().solve(np.zeros(model.n), moved, tol=TOL)[0]
+    step = model.problem().solve(np.zeros(model.n), moved, tol=1e-10)[0]
     # Five sweeps and a few Newton steps at 0.3; at most thirty proximal points.
     assert step.work < 400

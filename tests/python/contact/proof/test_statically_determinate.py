@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -119,22 +118,6 @@ def test_statically_determinate_bodies() -> None:
         assert np.abs(rest).max() <= 1e-14 * (abs(K) @ np.abs(u)).max(), seed
 
 
-def _block(rng: np.random.Generator) -> tuple[Any, Any, Array]:
-    """A block in space with contact at two nodes: it can turn about their line."""
-    body = block(rng, 3, lambda: rng.uniform(0.5, 3.0))
-    nodes = rng.choice(len(body.points), 2, replace=False)
-    return fem.stiffness(body), nodes, body.points
-
-
-def _truss(rng: np.random.Generator) -> tuple[Any, Any, Array]:
-    """A random octahedron of bars, held by contact at two of its nodes."""
-    corners = np.vstack([np.eye(3), -np.eye(3)])
-    points = (corners + rng.uniform(-0.2, 0.2, (6, 3))) @ rotation(rng, 3).T
-    pairs = [(i, j) for i in range(6) for j in range(i) if abs(i - j) != 3]
-    stiffness = 10 ** rng.uniform(5, 8, len(pairs))
-    return bars(points, pairs, stiffness), rng.choice(6, 2, replace=False), points
-
-
 def bars(points: Array, pairs: Any, stiffness: Any) -> Any:
     """Stiffness of pin-jointed bars with EA / length = `stiffness` each."""
     n, dim = points.size, points.shape[1]
@@ -145,63 +128,6 @@ def bars(points: Array, pairs: Any, stiffness: Any) -> Any:
         b[dim * i : dim * i + dim], b[dim * j : dim * j + dim] = -along, along
         K += k * np.outer(b, b)
     return sparse.csr_array(K)
-
-
-@pytest.mark.needs_extra
-@pytest.mark.slow
-def test_two_nodes_never_hold_a_body_in_space() -> None:
-    """Blocks and trusses that can turn about a line are refused."""
-    for seed in range(20_200):
-        rng = np.random.default_rng(seed)
-        K, nodes, points = (_block if seed % 2 else _truss)(rng)
-        rows = (3 * nodes[:, None] + [2, 0, 1]).ravel()
-        B = sparse.csr_array((np.ones(6), (np.arange(6), rows)), shape=(6, K.shape[0]))
-        places = np.repeat(points, 3, axis=0) if rng.integers(2) else None
-        with pytest.raises(bp.FloatingBodyError):
-            bp.ContactProblem(K, B, gap=np.zeros(2), mu=0.3, coordinates=places)
-
-
-@pytest.mark.slow
-def test_supports_of_flat_blocks_are_counted() -> None:
-    """Flat and long blocks have as many rigid motions as their supports leave free.
-
-    Coordinates of the degrees of freedom are given. Sides differ by up to 3000, and the lever
-    arms of the supports are as small as a few 1e-5 of the block.
-    """
-    for seed in range(4200):
-        rng = np.random.default_rng(seed)
-        dim = 2 + seed % 2
-        material = fem.Material(10 ** rng.uniform(0, 11), rng.uniform(0, 0.499))
-        body = block(rng, dim, lambda g=rng: 10 ** g.uniform(-1.75, 1.75), material)
-        n, nodes = body.points.size, body.points
-        touching = rng.choice(len(nodes), rng.integers(1, len(nodes) // 2 + 1), False)
-        rows = (dim * touching[:, None] + np.r_[dim - 1, 0 : dim - 1]).ravel()
-        others = np.setdiff1d(np.arange(n), rows)
-        fixed = rng.choice(others, rng.integers(0, min(len(others), 8) + 1), False)
-        Z = _motions(nodes)
-        sizes = np.linalg.svd(Z[np.r_[rows, fixed]], compute_uv=False)
-        # One contact node, or two in space, cannot hold all motions.
-        pinned = len(rows) + len(fixed) >= Z.shape[1] and sizes.min() > 1e-6
-        places = np.repeat(nodes, dim, axis=0)
-        B = sparse.csr_array(
-            (np.ones(len(rows)), (np.arange(len(rows)), rows)), shape=(len(rows), n)
-        )
-
-        made = partial(
-            bp.ContactProblem,
-            fem.stiffness(body),
-            B,
-            gap=np.zeros(len(touching)),
-            mu=0.3,
-            fixed=fixed,
-            coordinates=places,
-        )
-        if not pinned:
-            with pytest.raises(bp.FloatingBodyError):
-                made()
-            continue
-        left = Z.shape[1] - np.linalg.matrix_rank(Z[fixed], tol=1e-8)
-        assert made().stats["rigid_motions"] == left, seed
 
 
 @pytest.mark.parametrize("angle", [0.0, 20.0, 30.0, 77.0])

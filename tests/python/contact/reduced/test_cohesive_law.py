@@ -12,7 +12,6 @@ from scipy.optimize import linprog
 import bipot_rs as bp
 from support.cohesive_oracle import (
     Law,
-    list_answers_of_one,
     list_plane_answers,
     violation,
 )
@@ -121,16 +120,6 @@ def test_plane_problems_against_all_statuses(seed: int) -> None:
     if solution.unique == "proved":
         assert len(answers) == 1
     assert solution.unique != "others exist" or len(answers) > 1
-
-
-@pytest.mark.parametrize("seed", range(60))
-def test_one_contact_in_space_against_a_scan(seed: int) -> None:
-    rng = np.random.default_rng([38, seed])
-    W, q, law = draw(rng, 1, 3)
-    answers = list_answers_of_one(W, q, law)
-    solution = make(W, q, law).solve("gauss_seidel")
-    assert solution.converged
-    assert min(np.abs(solution.reaction - r).max() for r in answers) <= 1e-9
 
 
 def test_an_associated_law_is_convex() -> None:

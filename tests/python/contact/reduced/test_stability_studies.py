@@ -3,7 +3,6 @@
 import csv
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -131,25 +130,6 @@ def test_contacts_from_none_to_many() -> None:
     # Separate blocks need memory in proportion to n, one block in proportion to n².
     bytes_of_one, ten = (x.bytes for x in size.rows([], [1, 10], []))
     assert ten <= 12 * bytes_of_one
-
-
-def test_exact_answers_are_exact() -> None:
-    case, closed = friction.slider(0.5)
-    right = exact.solve(case, np.array([SLIP], np.int8), np.ones((1, 1)))
-    assert right.lawful
-    k, f = case.K.toarray(), [Fraction(x) for x in case.load]
-    k_c, k_t, mu = Fraction(k[0, 1]), Fraction(k[1, 1]), Fraction(0.5)
-    u_t = (f[1] + mu * f[0]) / (k_t + mu * k_c)
-    for entry, value in ((right.u[1], u_t), (right.r[0], k_c * u_t - f[0])):
-        miss = abs(Fraction(entry, 1 << exact.BITS) / value - 1)
-        assert miss <= exact.ENOUGH
-    assert np.abs(closed.u[1] - float(u_t)) <= 4 * EPS
-
-
-def test_wrong_statuses_are_found() -> None:
-    case, _ = friction.slider(0.5)
-    assert not exact.solve(case, np.array([STICK], np.int8), np.zeros((1, 1))).lawful
-    assert not exact.solve(case, np.array([SLIP], np.int8), -np.ones((1, 1))).lawful
 
 
 def test_bounds_find_a_wrong_solution() -> None:

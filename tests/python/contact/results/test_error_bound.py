@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs import scene
 from support.random_problems import random_problem
 
 Array = NDArray[np.float64]
@@ -105,43 +104,6 @@ def test_bound_holds(seeds: range, count: int) -> None:
     # The bound is also useful: these matrices have a condition of about ten.
     assert np.median(ratios) < 2
     assert np.quantile(ratios, 0.9) < 10
-
-
-@pytest.mark.parametrize(("name", "n"), [("sheared_cube", 4), ("two_blocks", 4)])
-def test_bound_holds_on_scenes(name: str, n: int) -> None:
-    read = scene.read(name, [f"mesh.n={n}"])
-    case = scene.assemble(read, scene.bodies(read))
-    problem = case.model.problem()
-    path = problem.solve(case.load, case.prescribed, tol=1e-8)
-    before = path[-2] if len(path) > 1 else None
-    load = None if case.load is None else case.load[-1]
-    reduced = problem.reduced(load, case.prescribed[-1], before)
-    W = np.asarray(reduced.W)
-    exact = reduced.solve(tol=1e-15)
-    blur = exact.error
-    # Rounding only: W has a condition of some hundreds, and slips are large.
-    assert blur.kind == "global"
-    assert blur.relative < 1e-9
-    rng = np.random.default_rng(n)
-    points = approximations(exact.reaction, reduced.mu, rng)[:5]
-    for point, bound in zip(points, reduced.error_bounds(points), strict=True):
-        assert excess(W, point, exact.reaction, bound, blur) <= 0
-    # The error of the step itself, which was solved to 1e-8.
-    step = path[-1]
-    error = step.error
-    assert error.kind == "global"
-    assert step.unique == "proved"
-    assert excess(W, step.reaction, exact.reaction, error, blur) <= 0
-    v = step.relative_displacement.copy()
-    if before is not None:
-        # The history (22).
-        v[:, 1:] -= before.relative_displacement[:, 1:]
-    away = np.abs(v - exact.relative_displacement)
-    assert (away <= parts_of(error)[1] + parts_of(blur)[1]).all()
-    tractions = np.abs(step.traction - exact.reaction / path.contacts["area"][:, None])
-    assert (
-        tractions <= error.traction * (1 + 1e-9) + 1e-12 * np.abs(step.traction).max()
-    ).all()
 
 
 def differences(x: Array, exact: Iterable[Any]) -> list[Fraction]:

@@ -5,14 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs.contact.results.error_bound import MinimisingSequence
 from bipot_rs.theory.functionals import Functionals, of_problem
 from support.random_problems import random_problem as held_problem
 
-Array = NDArray[np.float64]
 METHOD = "minimising_sequence"
 
 
@@ -126,61 +123,6 @@ def test_each_field_is_the_minimum_for_the_other() -> None:
     assert tried > 20
 
 
-def random_problem(rng: np.random.Generator) -> tuple[bp.ReducedProblem, Array | None]:
-    """In the plane or in space, one or two coefficients, and a start in or out of the cones."""
-    d, n = int(rng.integers(2, 4)), int(rng.integers(1, 9))
-    root = rng.normal(size=(d * n, d * n))
-    W = root @ root.T / (d * n) + 10.0 ** rng.uniform(-4, 0) * np.eye(d * n)
-    if rng.random() < 0.3:
-        W *= np.outer(*[np.repeat(10.0 ** rng.uniform(-2, 2, n), d)] * 2)
-    q = rng.normal(size=(n, d))
-    q[:, 0] -= rng.uniform(0, 2)
-    mu = rng.uniform(0, 1.2, n) * rng.choice([1.0, 5.0], p=[0.8, 0.2])
-    if d == 3 and rng.random() < 0.5:
-        mu = rng.uniform(0.05, 1.2, (n, 2))
-    start = rng.normal(size=(n, d)) * 10.0 ** rng.uniform(-2, 2)
-    if rng.random() < 0.3:
-        start[:, 0] = np.abs(start[:, 0])
-    warm = rng.random() < 0.75
-    return bp.ReducedProblem(W, q, mu), start if warm else None
-
-
-def size_of_terms(problem: bp.ReducedProblem, sequence: MinimisingSequence) -> float:
-    """The largest ``‖|Ŵ||r̂| + |q̂|‖ ‖r̂‖`` of the fields, in scaled variables, with friction."""
-    n, d = problem.q.shape
-    W = np.asarray(problem.W)
-    unit = np.sqrt(np.diag(W).reshape(n, d).mean(axis=1))[:, None]
-    W = W / np.outer(np.repeat(unit, d), np.repeat(unit, d))
-    fields = np.concatenate([sequence.reaction, sequence.balanced_reaction])
-    largest = 0.0
-    for r in np.abs(fields * unit):
-        moved = np.abs(W) @ r.ravel() + np.abs(problem.q / unit).ravel()
-        largest = max(largest, float(np.linalg.norm(moved) * np.linalg.norm(r)))
-    return largest * (1 + float(np.max(problem.mu)))
-
-
-@pytest.mark.parametrize(
-    ("seed", "count"), [(6, 25), pytest.param(4, 1000, marks=pytest.mark.slow)]
-)
-def test_b_is_never_negative_and_does_not_increase(seed: int, count: int) -> None:
-    """Also from a start outside of the cones, where steps are solved to few digits only."""
-    rng = np.random.default_rng(seed)
-    pairs = 0
-    for _ in range(count):
-        problem, start = random_problem(rng)
-        tol = 10.0 ** rng.uniform(-12, -4)
-        solution = problem.solve(METHOD, start=start, tol=tol, max_iterations=3000)
-        sequence = solution.minimising_sequence
-        if not len(sequence.bifunctional):
-            continue
-        # 4 ε of each term of v, times the reactions of both fields.
-        rounding = 16 * np.finfo(float).eps * size_of_terms(problem, sequence)
-        assert sequence.bifunctional.min() >= -rounding
-        assert np.diff(sequence.bifunctional).max(initial=0.0) <= rounding
-        pairs += len(sequence)
-    assert pairs > count
-
-
 def test_elliptic_friction_has_the_fields_in_the_variables_of_the_caller() -> None:
     W = np.diag([1.0, 1.0, 2.0])
     problem = bp.ReducedProblem(W, [[-1.0, 1.0, 1.5]], [[0.6, 0.3]])
@@ -234,24 +176,6 @@ def test_a_copy_from_another_process_keeps_the_fields_without_displacements() ->
     assert repr(ours).startswith(f"MinimisingSequence({len(ours)} pairs, B from ")
 
 
-def test_a_positive_limit_is_a_pair_without_a_solution() -> None:
-    # Coupling and friction so strong that L of section 8 of the theory is far above two.
-    compliance = np.linalg.inv(np.array([[1.0, 0.9], [0.9, 1.0]]))
-    stalled = 0
-    for angle in 0.16 * np.arange(40):
-        q = [[np.cos(angle), np.sin(angle)]]
-        problem = bp.ReducedProblem(compliance, q, 3.0)
-        solution = problem.solve(METHOD, start=[[1.0, 0.7]])
-        if not solution.converged:
-            stalled += 1
-            sequence = solution.minimising_sequence
-            limit = sequence.bifunctional[-3:]
-            assert limit.min() > 1e-3 * sequence.bifunctional[0]
-            # The fields are at rest: each is the minimum for the other.
-            assert np.ptp(limit) <= 1e-6 * limit[-1]
-    assert stalled > 0
-
-
 def test_the_bifunctional_bounds_the_error() -> None:
     """½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B, which is sharp after a step in u and one in r."""
     sharpness = []
@@ -262,7 +186,9 @@ def test_the_bifunctional_bounds_the_error() -> None:
         L = answer.error.contraction
         if L is None or L >= 1 or not answer.reaction.any():
             continue
-        start = bp.project(answer.reaction + 0.1 * np.ones(q.shape), mu)[0]
+        start = answer.reaction + 0.1
+        # Some starts lie outside of the cones.
+        start = start - 0.5 if seed % 3 == 0 else bp.project(start, mu)[0]
         sequence = problem.solve(METHOD, start=start, tol=1e-12).minimising_sequence
         for i, value in enumerate(sequence.bifunctional[:4]):
             x = sequence.relative_displacement[i // 2] - answer.relative_displacement
@@ -274,6 +200,8 @@ def test_the_bifunctional_bounds_the_error() -> None:
                 sharpness.append(value / away)
         # It falls to zero, in the second order of a distance that contracts.
         work = np.abs(answer.reaction * q).sum()
+        # What reactions do on the free displacement, of which B is a difference.
+        assert np.diff(sequence.bifunctional).max(initial=0.0) <= 1e-12 * work
         assert len(sequence) < 4 or sequence.bifunctional[-1] <= 1e-8 * work
     # The constant in B/away may be anything between 1 - L and 1.
     assert len(sharpness) > 10

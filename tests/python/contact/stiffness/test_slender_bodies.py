@@ -12,7 +12,6 @@ import pytest
 
 from bipot_rs import fem
 from support.slender import (
-    CELLS,
     deflection,
     floor,
     held,
@@ -27,15 +26,6 @@ from support.slender import (
 )
 
 pytestmark = pytest.mark.needs_extra
-
-
-@pytest.mark.parametrize("cell", CELLS[3])
-def test_cells_of_a_strip(cell: str) -> None:
-    """In space; the random bodies below have all cells of the plane."""
-    body = strip((1000.0, 20.0, 2.0), (16, 1, 1), cell=cell, second=False)
-    model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 3))
-    load = weight(model) + lifted(model, deflection(500))
-    is_right(model, load, model.problem().solve(load))
 
 
 @pytest.mark.parametrize("slenderness", [20, 200, 2000])
