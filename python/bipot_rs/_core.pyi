@@ -947,6 +947,9 @@ class PrimalTangent:
         The right side has the rows of these contacts, then those of the unknowns.
         """
 
+def find_outside(values: _Floats, least: float, most: float) -> int | None:
+    """Place of the first number, in the order of the memory, that is not from least to most."""
+
 def is_sparse(blocks: int, contacts: int) -> bool:
     """Whether an island of so many blocks and contacts is kept sparse."""
 

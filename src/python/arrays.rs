@@ -11,7 +11,8 @@ use crate::tasks;
 use crate::threads;
 use numpy::ndarray::{Array2, Dimension, aview2};
 use numpy::{
-    PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
+    PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn,
+    PyReadwriteArray1,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -179,6 +180,27 @@ pub(super) fn changed<'a>(
     let values = array.as_slice_mut()?;
     length(what, values.len(), expected)?;
     Ok(values)
+}
+
+/// The place of the first number that is not from `least` to `most`; NaN never is.
+#[pyfunction]
+pub(super) fn find_outside(
+    values: PyReadonlyArrayDyn<'_, f64>,
+    least: f64,
+    most: f64,
+) -> PyResult<Option<usize>> {
+    let inside = |value: &f64| (least..=most).contains(value);
+    // Parts without an exit inside are compared many numbers at once.
+    let mut parts = values.as_slice()?.chunks(256);
+    let Some(part) = parts.position(|part| !part.iter().fold(true, |all, v| all & inside(v)))
+    else {
+        return Ok(None);
+    };
+    let before = &values.as_slice()?[256 * part..];
+    Ok(before
+        .iter()
+        .position(|value| !inside(value))
+        .map(|k| 256 * part + k))
 }
 
 /// Indices as `usize`.

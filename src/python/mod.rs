@@ -49,6 +49,8 @@ mod _core {
     }
 
     #[pymodule_export]
+    use super::arrays::find_outside;
+    #[pymodule_export]
     use super::assembly::{bodies, diagonal, stiffness, sum_of_cells};
     #[pymodule_export]
     use super::bodies::{

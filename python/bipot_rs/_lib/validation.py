@@ -24,6 +24,7 @@ T = TypeVar("T")
 
 # Real numbers of NumPy and Python, fractions included; no complex numbers or booleans.
 _REAL = numbers.Real
+_LARGEST = float(np.finfo(np.float64).max)
 
 
 # Row pointers, columns and values of a matrix by rows.
@@ -52,38 +53,46 @@ def floats(
 
     Columns ``but`` may be NaN.
     """
-    array_like = _as_array(what, value)
-    if array_like.dtype.kind not in "iuf":
-        raise TypeError(
-            f"{what} has entries of type {array_like.dtype}, expected real numbers"
-        )
-    if np.ma.is_masked(value) or (isinstance(value, (list, tuple)) and _hides(value)):
-        raise ValueError(f"{what} has masked entries, expected an array without a mask")
-    # Numbers too large for float64 become infinite and are refused below.
-    with np.errstate(over="ignore"):
-        if copy:
-            array = np.array(array_like, dtype=np.float64, order="C")
-        else:
-            array = np.require(array_like, np.float64, ["C", "A"]).reshape(
-                array_like.shape
-            )
+    plain = type(value) is np.ndarray and value.dtype == np.float64
+    given = cast("NDArray[Any]", value) if plain else _as_numbers(what, value)
+    if copy:
+        array = np.array(given, dtype=np.float64, order="C")
+    elif plain and given.flags.c_contiguous and given.flags.aligned:
+        array = given
+    else:
+        array = np.require(given, np.float64, ["C", "A"]).reshape(given.shape)
     if shape is not None and array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
     if ndim is not None and array.ndim != ndim:
         raise ValueError(
             f"{what} has {count_noun(array.ndim, 'dimension')}, expected {ndim}"
         )
-    wrong = ~np.isfinite(array)
-    if but is not None and array.ndim:
-        # An array of another shape is refused by the caller.
-        there = but[but < array.shape[-1]]
-        wrong[..., there] &= ~np.isnan(array[..., there])
-    if finite and wrong.any():
-        at = tuple(int(i) for i in np.argwhere(wrong)[0])
-        place = at[0] if len(at) == 1 else at
-        where = f" at {place}" if at else ""
-        raise ValueError(f"{what} is {array[at]}{where}, expected finite numbers")
+    if finite and _core.find_outside(array, -_LARGEST, _LARGEST) is not None:
+        wrong = ~np.isfinite(array)
+        if but is not None and array.ndim:
+            # An array of another shape is refused by the caller.
+            there = but[but < array.shape[-1]]
+            wrong[..., there] &= ~np.isnan(array[..., there])
+        if wrong.any():
+            at = tuple(int(i) for i in np.argwhere(wrong)[0])
+            place = at[0] if len(at) == 1 else at
+            where = f" at {place}" if at else ""
+            raise ValueError(f"{what} is {array[at]}{where}, expected finite numbers")
     return array
+
+
+def _as_numbers(what: str, value: object) -> NDArray[Any]:
+    """Real numbers as float64 where they have another type; none of them is masked."""
+    array = _as_array(what, value)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(
+            f"{what} has entries of type {array.dtype}, expected real numbers"
+        )
+    if np.ma.is_masked(value) or (isinstance(value, (list, tuple)) and _hides(value)):
+        raise ValueError(f"{what} has masked entries, expected an array without a mask")
+    # Numbers too large for float64 become infinite, which the caller refuses.
+    with np.errstate(over="ignore"):
+        return array.astype(np.float64, copy=False)
 
 
 def _as_array(what: str, value: object) -> NDArray[Any]:
@@ -227,19 +236,17 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
         raise ValueError(
             f"mu has shape {coefficients.shape}, expected a number or {wished}"
         )
-    for wrong, expected in (
-        (coefficients < 0, "zero or positive"),
-        (
-            coefficients > _MOST,
-            f"at most {_MOST:g}: products of larger squares overflow",
-        ),
-    ):
-        if wrong.any():
-            at = np.argwhere(wrong)[0]
-            along = "" if len(at) == 1 else f" along tangent {at[1] + 1}"
-            raise ValueError(
-                f"mu of contact {at[0]}{along} is {coefficients[tuple(at)]}, expected {expected}"
-            )
+    wrong = _core.find_outside(coefficients, 0.0, _MOST)
+    if wrong is not None:
+        at = np.unravel_index(wrong, coefficients.shape)
+        along = "" if len(at) == 1 else f" along tangent {at[1] + 1}"
+        value = coefficients[at]
+        expected = "zero or positive"
+        if value > 0:
+            expected = f"at most {_MOST:g}: products of larger squares overflow"
+        raise ValueError(
+            f"mu of contact {at[0]}{along} is {value}, expected {expected}"
+        )
     if coefficients.ndim == 2:
         _two_coefficients(coefficients, ratio)
     return coefficients

@@ -55,8 +55,10 @@ class ContactLaw:
             _check_number("cohesion", cohesion, contacts),
             _check_number("dilatancy", dilatancy, contacts),
         )
+        if law.mu.ndim == 1:
+            return law
         for what, values in law.without_mu().items():
-            if law.mu.ndim == 2 and values is not None:
+            if values is not None:
                 at = int(np.flatnonzero(values)[0])
                 raise ValueError(
                     f"mu has two coefficients of each contact and {what} of contact {at} is "

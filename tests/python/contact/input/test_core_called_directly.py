@@ -207,6 +207,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         (_core.isotropic, MU, 3),
         (_core.isotropic, np.ones((2, 2)), 3),
         (held.is_contradiction, np.zeros(2)),
+        (_core.find_outside, np.ones(3), 0.0, 2.0),
         (_core.is_sparse, 9, 3),
         (held.assess, GAP),
         (floating.assess, GAP),
