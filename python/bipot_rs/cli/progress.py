@@ -93,9 +93,10 @@ class Progress:
         # The last cycle of wear so far.
         self.done = 0
         self.lines = not quiet and not sys.stderr.isatty()
-        # The phase and when it began, the last line, and what ends the lines about a phase.
-        self.current, self.began, self.told = "", 0.0, 0.0
-        self.ended = Event()
+        # The phase and when it began, together: the thread of `_break_silence` reads them.
+        self.current = "", 0.0
+        # When the last line was printed, and what ends the lines about a phase.
+        self.told, self.ended = 0.0, Event()
 
     def __enter__(self) -> Progress:
         if sys.stderr.isatty():
@@ -150,15 +151,16 @@ class Progress:
 
     def phase(self, name: str) -> None:
         """Show the phase that begins; without a terminal a line every ten seconds."""
-        if self.lines and name != self.current:
-            if not self.current:
+        before, _ = self.current
+        if self.lines and name != before:
+            self.forecast_from = None
+            self.current = name, monotonic()
+            if not before:
                 Thread(target=self._break_silence, daemon=True).start()
-            self.current, self.began = name, monotonic()
-            self.forecast_from = None
         if self.bar is not None and self.bar.tasks[0].description != name:
-            before = self.bar.tasks[0].description
+            begun = self.bar.tasks[0].description
             self.forecast_from = None
-            self.bar.update(0, description=name, advance=1 if before else 0, text="")
+            self.bar.update(0, description=name, advance=1 if begun else 0, text="")
             if name == "solve":
                 # The clock of the steps starts with this phase.
                 self.bar.reset(1, completed=self.bar.tasks[1].completed, visible=True)
@@ -166,12 +168,12 @@ class Progress:
     def _break_silence(self) -> None:
         """Print lines while nothing else is printed, until the end."""
         while not self.ended.wait(SILENCE / 10):
-            now = monotonic()
-            if now - max(self.told, self.began) < SILENCE:
+            now, (phase, began) = monotonic(), self.current
+            if now - max(self.told, began) < SILENCE:
                 continue
             self.told = now
             left = self._forecast_end(0)
-            spent = f"{self.current}: {duration(now - self.began)} so far"
+            spent = f"{phase}: {duration(now - began)} so far"
             try:
                 tell(f"{spent}{', ' if left else ''}{left}", sys.stderr)
             except OutputLost:

@@ -247,6 +247,26 @@ def test_lines_break_the_silence_without_a_terminal(
         assert screen.getvalue().endswith(told + "load step 1 of 2\n")
 
 
+def test_lines_about_a_phase_begin_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thread that runs as soon as it starts knows the phase and when it began."""
+    seen = []
+
+    class AtOnce:
+        def __init__(self, **_: object) -> None:
+            pass
+
+        def start(self) -> None:
+            seen.append(progress.current)
+
+    monkeypatch.setattr(telling, "Thread", AtOnce)
+    monkeypatch.setattr(telling, "monotonic", lambda: 7.0)
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    with telling.Progress(6, 2, quiet=False) as progress:
+        progress.phase("mesh")
+        progress.phase("condense")
+    assert seen == [("mesh", 7.0)]
+
+
 @pytest.mark.parametrize(
     ("poisson", "engine", "named"),
     [
