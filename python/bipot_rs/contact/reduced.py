@@ -672,6 +672,7 @@ class _ReducedInquiry(NamedTuple):
             law=problem.law,
             W=lambda: make_dense(problem.W),
             modes=lambda: make_dense(problem._R),
+            loads=lambda: np.empty(0) if problem.rigid is None else problem.rigid[1],
             several=problem._has_several,
         )
         return diagnose(tried, solution, solution.relative_displacement)

@@ -1,5 +1,6 @@
 """Cyclic symmetry and periodicity, compared with the whole structure."""
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import skfem
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.fem.assembly.assembly import Support
 from bipot_rs.fem.bodies.body import Body
@@ -142,6 +144,23 @@ def test_sector_of_a_shrink_fit() -> None:
     (whole, full), (sector, part) = solved(1), solved(6)
     assert (full.status[1] != 0).all()
     compared(sector, part, whole, full)
+
+
+def test_a_fit_twisted_more_than_friction_holds() -> None:
+    """Interference gives the normal forces: no verdict from statics, but the cause is named."""
+    shaft = Sphere([0.0, 0.0], 1.01)
+    model = fem.assemble(
+        [ring("rim", (1.0, 2.0), 1)], [Contact("rim", "inner", 0.3, obstacle=shaft)]
+    )
+    press = model.pressure("rim", "outer", 5.0)
+    twist = model.traction("rim", "outer", lambda x: 0.04 * np.stack([-x[1], x[0]]))
+    held = model.problem().solve(press + 10 * twist)[0].reaction
+    most = 10 * 0.3 * held[:, 0].sum() / np.abs(held[:, 1]).sum()
+    with pytest.raises(bp.NotConvergedError, match="friction alone stops a") as raised:
+        model.problem().solve(press + 20 * twist)
+    share = float(re.findall(r"limit is (\S+) of what", str(raised.value))[0])
+    # Of normal forces that slip has changed a little.
+    assert share == pytest.approx(most / 20, rel=0.2)
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar"])

@@ -41,8 +41,8 @@ class FailedSolve:
     """A solve and its problem, ``v = W r + R a + q`` of one step.
 
     Functions compute what is expensive: the dense ``W``, ``R`` (with no columns if there
-    are no rigid motions), the condition number of the stiffness, and whether there are
-    several solutions near a point.
+    are no rigid motions), the loads on these, the condition number of the stiffness, and
+    whether there are several solutions near a point.
     """
 
     method: str
@@ -50,6 +50,7 @@ class FailedSolve:
     law: ContactLaw
     W: Callable[[], Floats | None]
     modes: Callable[[], Floats]
+    loads: Callable[[], Floats]
     several: Callable[[Solution], bool]
     condition: Callable[[], float] = lambda: 0.0
     points: Floats | None = None
@@ -249,6 +250,9 @@ def _find_faults(
 ) -> Iterator[Finding]:
     """Faults of the problem. A certain one is returned alone."""
     soft = False
+    sliding = _check_sliding(tried, solution.reaction)
+    if sliding is not None:
+        yield sliding
     if W is not None:
         scaled, root = _scale_compliance(W, len(tried.mu))
         # Rigid motions in the scaled variables of W.
@@ -376,6 +380,39 @@ def _check_rounding_of_slip(
         "a smaller mu, which gives the same solution while contacts stick",
         True,
         True,
+    )
+
+
+def _check_sliding(tried: FailedSolve, r: Floats) -> Finding | None:
+    """Loads that work more on a sliding of a body than friction can at these pressures.
+
+    A sliding is a rigid motion that moves no pressed contact along its normal.
+    """
+    few = 0 < r.size <= tuning.DENSE_DIAGNOSIS
+    modes = tried.modes() if few and np.isfinite(r).all() else np.empty(0)
+    push = np.maximum(r[:, 0], 0.0)
+    if not modes.size or not push.any():
+        return None
+    size = np.linalg.norm(modes)
+    by_contact, loads = modes.reshape(*r.shape, -1) / size, tried.loads() / size
+    _, sizes, rows = np.linalg.svd(by_contact[push > 0, 0])
+    slides = rows[np.count_nonzero(sizes > _UNCOUPLED) :]
+    # The sliding on which the loads work most, by their work on each.
+    work = slides @ loads
+    moved = by_contact[:, 1:] @ (work @ slides)
+    held = float(push @ dissipation(tried.mu, moved))
+    if tried.law.cohesion is not None:
+        held += float(tried.law.cohesion @ np.linalg.norm(moved, axis=1))
+    asked = float(work @ work)
+    # Far from balance in other motions these are not the pressures of the loads.
+    left = np.einsum("cdk,cd->k", by_contact, r) + loads
+    left -= left @ slides.T @ slides
+    if asked <= (1 + tuning.SMALL_VIOLATION) * held or left @ left > asked:
+        return None
+    return Finding(
+        "friction alone stops a body that can slide, and at these normal forces its limit is "
+        f"{held / asked:.2g} of what the loads ask for",
+        "a support that stops the body, or smaller loads along this motion",
     )
 
 

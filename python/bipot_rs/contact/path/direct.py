@@ -189,6 +189,7 @@ class CondensedStep:
             law=self.data.contacts.law,
             W=lambda: _find_compliance(core),
             modes=lambda: core.modes().T,
+            loads=lambda: core.free_part(self.data.load, self.data.prescribed)[2],
             several=several,
             condition=lambda: core.stats.cond_S,
             points=self.data.contacts.x,

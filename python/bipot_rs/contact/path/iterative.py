@@ -366,6 +366,7 @@ class UncondensedStep:
             law=self.data.contacts.law,
             W=lambda: None,
             modes=lambda: np.empty((d * len(v), 0)),
+            loads=lambda: np.empty(0),
             several=lambda _step: False,
             points=self.data.contacts.x,
         )

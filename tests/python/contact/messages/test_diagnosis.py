@@ -25,6 +25,7 @@ CAUSES = {
     "rounding": r"rounding: the reactions satisfy the law",
     "range": r"near the end of doubles",
     "slides": r"seems to slide away",
+    "friction": r"friction alone stops a body",
 }
 
 
