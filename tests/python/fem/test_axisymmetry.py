@@ -17,7 +17,7 @@ from bipot_rs.cli.commands.new import write_deck
 from bipot_rs.discretisation import discretisation_error
 from bipot_rs.fem.bodies.boundary import spring_stiffness
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies
-from cases.revolution import KINDS, fit, hertz, ring
+from cases.revolution import KINDS, ring
 from support.boxes import box
 from support.comparisons import close, refused
 
@@ -87,19 +87,6 @@ def test_one_cell_against_an_independent_quadrature() -> None:
     assert (free < 1e-12 * free[-1]).sum() == 1  # only translation along z
 
 
-def test_the_shrink_fit_in_other_units() -> None:
-    """Lengths and forces in other units: the same forces, areas and full turn."""
-    (one, model), (two, other) = fit("Q1", 6, "match"), fit("Q1", 6, "match", 1e3, 1e-3)
-    size = two.reaction.max()
-    # Rounding of K, whose condition is about 1e4.
-    assert 1e-3 * one.reaction[0] == pytest.approx(
-        two.reaction[0], rel=1e-9, abs=1e-12 * size
-    )
-    assert other.area == pytest.approx(1e6 * model.area, rel=1e-13)
-    assert model.area.sum() == pytest.approx(2 * np.pi * 2.0, rel=1e-13)
-    assert fit("P2", 4)[1].area.sum() == pytest.approx(2 * np.pi * 2.0, rel=1e-13)
-
-
 KIND: dict[str, Any] = {"plane": "axisymmetric", "cell": "quadrilateral"}
 
 
@@ -123,35 +110,6 @@ def test_a_solid_shaft_in_plane_stress_from_a_scene() -> None:
     assert result.traction[0, :-1, 0] == pytest.approx(pressure, rel=3e-3)
     with refused("does not support axisymmetric bodies"):
         discretisation_error(result.case, result)
-
-
-def test_hertz_by_the_iterative_engine() -> None:
-    """The same forces as by the direct engine, to the tolerance of both."""
-    (direct, one), (iterative, two) = hertz(8, "direct"), hertz(8, "iterative")
-    assert iterative == pytest.approx(direct, rel=1e-9)
-    assert two.traction == pytest.approx(
-        one.traction, rel=1e-7, abs=1e-9 * one.traction.max()
-    )
-
-
-def test_manufactured_solution_touching_the_axis() -> None:
-    """u = (r z, r² + z²) with its body force and displacement on the rim, to order 2."""
-    lam, mu = steel(1.0, 0.3).lame(3)
-    # σ_rr = 2λ(z + z) + 2μz …: div u = 2z + 2z = 4z; ε_rz = (r + 2r)/2.
-    # r: ∂_r σ_rr + ∂_z σ_rz + (σ_rr - σ_θθ)/r = 0; z: ∂_r σ_rz + ∂_z σ_zz + σ_rz/r.
-    force = (0.0, -(3 * mu + 4 * lam + 4 * mu - mu + 4 * mu))
-    held = [fem.Support("it", s, (0, 1)) for s in ("bottom", "top", "right")]
-    errors = []
-    for n in (8, 16, 32):
-        body = fem.Body("it", ring("Q1", n, 0.0, 1.0, 1.0), steel(1.0, 0.3))
-        model = fem.assemble([body], [], held)
-        r, z = body.points.T
-        exact = np.stack([r * z, r**2 + z**2], axis=1)
-        load = model.nodal_forces(fem.Load("it", force=force))
-        u = solve(model, load, exact.ravel()[model.fixed])[0].displacement
-        # Near the axis the largest error has a logarithm, the mean by volume has none.
-        errors.append(np.sqrt((r[:, None] * (u.reshape(-1, 2) - exact) ** 2).mean()))
-    assert orders(errors)[-1] > 1.8
 
 
 @pytest.mark.parametrize("kind", KINDS)

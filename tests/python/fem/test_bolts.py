@@ -215,23 +215,6 @@ def test_bolts_tightened_in_sequence_change_each_other(cell: str) -> None:
     assert np.array_equal(kept[3], kept[4])
 
 
-def test_half_a_model_is_the_whole_one() -> None:
-    forces = [{"middle": 800.0}, {}]
-    models = (
-        stand(bolts=("middle",)),
-        stand(bolts=("middle",), half=True, share=0.5),
-    )
-    whole, half = (
-        follow(m, forces, m.traction("frame", "y12", [0.0, 3.0])) for m in models
-    )
-    for name in ("shortening", "bolt_force"):
-        # Residuals of 1e-12, times the condition of the stand.
-        one, two = column(half, name), column(whole, name)
-        np.testing.assert_allclose(one, two, rtol=1e-9)
-    part, total = (r.reaction[:, :, 0].sum(axis=1) for r in (half, whole))
-    np.testing.assert_allclose(2 * part, total, rtol=1e-9)
-
-
 @pytest.mark.parametrize("scale", [1.0, 1e3])
 def test_units_and_the_order_of_bolts_change_nothing(scale: float) -> None:
     plain = follow(stand(mu=0.2), SEQUENCE)
@@ -363,30 +346,6 @@ def bar(cell: str, level: float) -> tuple[fem.Assembly, Floats]:
 
 
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
-def test_the_place_of_the_section_does_not_matter(cell: str) -> None:
-    """Loads on the cells beside a section act on its shortening as on any displacement.
-
-    A bar is shortened by the same amount at two sections, under weight, heat, and a traction
-    along its side. Above both of them, and below, displacements are the same.
-    """
-    ends = []
-    for level in (2.5, 6.5):
-        model, up = bar(cell, level)
-        load = model.body_force("bar", -50.0 * up)
-        load += model.initial_strain("bar", fem.thermal(1e-5, 30.0))
-        load += model.traction("bar", "right", 20.0 * up)
-        moved = model.prescribed([[0.0] * model.dim], {"bar": [0.01]})
-        result = model.problem().solve(load, moved, tol=1e-13)
-        cut = model.bodies[0].points
-        outside = (cut[:, -1] < 1.5) | (cut[:, -1] > 7.5)
-        order = np.lexsort(cut[outside].T.round(6))
-        u = model.displacement_of("bar", result.displacement[0])
-        ends.append((u[outside][order], result.reaction[0]))
-    for one, other in zip(*ends, strict=True):
-        close(one, other, 1e-9)  # residuals of 1e-13 times the condition, 1e3
-
-
-@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_the_force_is_that_of_the_section(cell: str) -> None:
     """Without the loads of the cells beside it: what is above the section is in balance."""
     force, level, d = 700.0, 6.5, CELLS[cell]
@@ -472,10 +431,3 @@ def test_another_stiffness_in_the_same_problem_and_a_pickle() -> None:
         # Forces are the same, and displacements half as large.
         np.testing.assert_allclose(one.bolt_force, other.bolt_force, rtol=1e-9)
         np.testing.assert_allclose(2.0 * one.shortening, other.shortening, rtol=1e-9)
-
-
-def test_names_of_bodies_repeat_beside_a_bolt() -> None:
-    frame, bar = stand().bodies[0], fem.box([[0, 1], [0, 8, 16]], "triangle")
-    bolt = Bolt("it", "bar", ([0.0, 9.0], [0.0, 1.0]))
-    with refused("names of bodies repeat"):
-        fem.assemble([frame, frame, Body("bar", bar, STEEL)], [], bolts=[bolt])

@@ -1,7 +1,6 @@
 """Springs and planes of symmetry."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,12 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.fem.checks.inspection import inspect
-from bipot_rs.fem.resultants import contact_force
-from bipot_rs.files.series import write_grid
 from support.boxes import CELLS, box, placed
 from support.comparisons import close, near, refused
 
@@ -77,29 +72,6 @@ def test_spring_along_the_normal(cell: str) -> None:
     assert (other != other.T).nnz == 0
     block_of = np.kron(np.eye(len(body.points)), turn)
     close(block_of.T @ other.toarray() @ block_of, straight, 1e-13)
-
-
-def test_block_on_springs_in_contact() -> None:
-    """Lifted, the spring alone carries the load. Pressed down, plane and spring share it."""
-    body = block("hexahedron")
-    spring = fem.Spring("it", "top", stiffness=7.0)
-    plane = ((0, 0, 0), (0, 0, 1))
-    contact = fem.Contact("it", "bottom", 0.0, plane=plane, clearance=0.01)
-    model = fem.assemble([body], [contact], springs=[spring])
-    problem = model.problem()
-    up = problem.solve(model.traction("it", "top", [0.0, 0.0, 0.7]))
-    assert not up.reaction.any()
-    top = model.displacement_of("it", up.displacement[0])[body.nodes("top")]
-    np.testing.assert_allclose(top[:, 2], 0.1, rtol=1e-9)
-    down = problem.solve(model.traction("it", "top", [0.0, 0.0, -7.0]))
-    # Springs at the top go down by c, and also by the shortening of the block.
-    top = model.displacement_of("it", down.displacement[0])[body.nodes("top")]
-    pressed = down.reaction[0, :, 0].sum()
-    # All faces are divided in the same way.
-    carried = 7.0 * top[:, 2] @ (model.area / model.area.sum())
-    assert pressed == pytest.approx(7.0 + carried, rel=1e-8)
-    assert -0.1 < top[:, 2].mean() < -0.01
-    assert pressed > 6.0
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
@@ -357,30 +329,6 @@ def test_held_nodes_that_touch(seed: int, between: str, pairing: Any) -> None:
     assert model.problem().solve(model.pressure("it", "top", 1.0)).success
 
 
-def test_the_iterative_engine_takes_contacts_at_an_inclined_plane() -> None:
-    turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()
-    body = fem.Body(
-        "it", turned(fem.box([np.linspace(0, 1, 4)] * 3, "hexahedron"), turn), STEEL
-    )
-    floor = fem.Contact("it", "bottom", 0.3, plane=([0, 0, 0], [0, 0, 1]))
-    model = fem.assemble(
-        [body],
-        [floor],
-        [fem.Support("it", "top", (0, 1, 2))],
-        symmetries=[fem.Symmetry("it", "left")],
-    )
-    along = turn @ [0.0, 1e-3, -2e-3]
-    moved = model.prescribed([along])
-    direct, iterative = (
-        model.problem(engine=engine).solve(prescribed=moved)
-        for engine in ("direct", "iterative")
-    )
-    assert "krylov" in iterative[0].stats
-    np.testing.assert_array_equal(iterative.status, direct.status)
-    # Both reach η of 1e-10, with a condition of 1e3.
-    close(iterative.reaction, direct.reaction, 1e-7)
-
-
 def test_loads_given_as_arrays_respect_an_inclined_plane() -> None:
     """The plane carries nodal forces across it, whatever program made them."""
     answers = []
@@ -411,41 +359,6 @@ def test_coordinates_of_seven_digits_on_an_inclined_plane() -> None:
     values = model.prescribed([[0.0, 0.0], [0.1]])
     u = model.problem().solve(np.zeros(model.n), values).displacement[0]
     near(u.reshape(-1, 3) - [0, 0, 0.1], 0, 1e-6)
-
-
-def test_a_scene_with_inclined_planes_of_symmetry(tmp_path: Path) -> None:
-    """The forces and displacements of a block, rotated, by files."""
-    steps = []
-    for name, R in (("straight", STRAIGHT[2]), ("turned", TURNS["plane"])):
-        mesh = turned(box("quadrilateral"), R)
-        cells, points = vtk_cells(fem.Body("it", mesh, STEEL)), np.zeros((16, 3))
-        points[:, :2] = mesh.p.T
-        file = tmp_path / f"{name}.vtu"
-        write_grid(file, points, [cells], {}, {}, numbers={}, units={})
-        (across, up), normals = (
-            R.T,
-            {"left": -R[:, 0], "bottom": -R[:, 1], "top": R[:, 1]},
-        )
-        m = bp.Model(title=name)
-        m.material("steel", young=200.0, poisson=0.3)
-        surface = {key: {"normal": n.tolist()} for key, n in normals.items()}
-        m.body("it", mesh=str(file), material="steel", surface=surface)
-        m.symmetry("it.left")
-        push = 0.1 * across - up
-        m.traction("it.top", x=float(push[0]), y=float(push[1]))
-        plane = {"point": [0.0, 0.0], "normal": up.tolist()}
-        m.contact("it.bottom", mu=0.2, plane=plane)
-        case = m.assemble()
-        result = case.solve(tol=1e-13)
-        assert result.displacement.any()  # which saves it
-        result.save(tmp_path / f"{name}.h5")
-        again = bp.load(tmp_path / f"{name}.h5")
-        assert (case.model.inclined is None) == (name == "straight")
-        force = contact_force(case.model, result, "it.bottom")[0]
-        steps.append((again[0].displacement.reshape(-1, 2) @ R, force @ R))
-    for straight, other in zip(*steps, strict=True):
-        close(other, straight, 1e-10)
-    assert force @ up == pytest.approx(1.0, rel=1e-10)
 
 
 @pytest.mark.parametrize("angle", [30.0, 60.0])

@@ -31,19 +31,6 @@ def on(plane: Any = FLOOR, mu: float = 0.3, surface: str = "bottom") -> fem.Cont
     return fem.Contact("a", surface, mu, plane=plane)
 
 
-def test_valid_model_gives_no_warning() -> None:
-    model = fem.assemble([cube()], [on()], [TOP])
-    assert inspect(model) == []
-    assert inspect(model, prescribed=np.full(len(model.fixed), -0.01)) == []
-    # A block on a floor with friction: contact can hold it.
-    assert inspect(fem.assemble([cube()], [on()])) == []
-    # A round obstacle, then a pair of bodies.
-    ball = fem.Contact("a", "bottom", 0.1, obstacle=ob.Sphere([0.4, 0.5, -1], 1.0))
-    assert inspect(fem.assemble([cube()], [ball], [TOP])) == []
-    ground = fem.Support("b", "bottom", (0, 1, 2))
-    assert inspect(fem.assemble([cube(), cube("b", -1.0)], [PAIR], [ground])) == []
-
-
 def test_penetration() -> None:
     tilted = ([0, 0, 0.05], [0.05, 0, 1.0])
     (warning,) = inspect(fem.assemble([cube()], [on(tilted)]))

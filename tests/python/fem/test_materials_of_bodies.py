@@ -4,16 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from bipot_rs import fem, scene
-from bipot_rs.discretisation import Estimator
-from bipot_rs.discretisation.simplices import simplices
-from bipot_rs.fem.bodies.body import number_bodies
+from bipot_rs import fem
 from support.boxes import CELLS, box, placed
 from support.comparisons import close, near, refused
 
-Floats = NDArray[np.float64]
 # Spruce, in the order 12, 13, 23 [Pa].
 WOOD = ((11.6e9, 0.9e9, 0.5e9), (0.38, 0.43, 0.46), (0.7e9, 0.75e9, 0.04e9))
 ROTATION = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
@@ -164,20 +159,3 @@ def test_volumes_that_do_not_fit() -> None:
         fem.Body("bar", mesh, {"soft": steel, "hard": thin})
     with refused("has no volume 'a'"):
         fem.Body("bar", fem.box([[0, 1], [0, 1]], "triangle"), {"a": steel})
-
-
-def test_estimator_refuses_unsupported_bodies() -> None:
-    body = layered("triangle", 1)
-    with refused("'bar' has several materials, expected one"):
-        _ = body.isotropic
-    with refused("has an orthotropic material, expected one"):
-        _ = replace(body, material=fem.Orthotropic(*WOOD)).isotropic
-    with refused(r"cells of 6 nodes, expected .*first order"):
-        simplices(layered("triangle", 2))
-    read = scene.read("sheared_cube", ["mesh.n=2", "mesh.element=P1"])
-    (cube,) = scene.bodies(read)
-    case = scene.assemble(read, [cube])
-    wood = replace(cube, material=fem.Orthotropic(*WOOD))
-    model = replace(case.model, numbered=number_bodies([wood]))
-    with refused("'cube' has an orthotropic material"):
-        Estimator(replace(case, model=model))

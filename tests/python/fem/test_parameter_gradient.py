@@ -160,25 +160,6 @@ def test_moduli_and_thickness(cell: str, plane_stress: bool) -> None:
         agree(getattr(gradient, name)["one"], at, product, 1e-3)
 
 
-def test_stiffness_is_proportional_to_young_and_thickness() -> None:
-    """θ ∂K/∂θ = K for Young's modulus, and with springs for the thickness: to rounding."""
-    mesh = bent("quadrilateral", "second")
-    array = fem.Spring("one", "top", stiffness=np.array([0.3, 0.7]))
-    for springs, name, factor in (
-        ([], "young", 1.3),
-        (None, "thickness", 0.6),
-        ([array], "thickness", 0.6),
-    ):
-        model = model_of(mesh, springs=springs)
-        product = Product(model)
-        energy = sum(
-            -a @ (model.K @ u) for a, u in zip(product.adjoint, product.u, strict=True)
-        )
-        derivative = np.squeeze(getattr(product.gradient(model), name)["one"])
-        # Sums of some hundred terms of both signs.
-        assert factor * derivative == pytest.approx(energy, rel=1e-12)
-
-
 def test_materials_of_volumes() -> None:
     mesh = bent("triangle")
     left = mesh.p[0, mesh.t].mean(axis=0) < 0.5
@@ -357,66 +338,3 @@ def test_a_plane_under_mortar_moves_the_gap() -> None:
     product = Product(at(0.0))
     (by_plane,) = product.gradient(at(0.0)).obstacles
     agree(by_plane[2], at, product, 0.01)
-
-
-def test_reactions_of_a_pressed_block_that_sticks() -> None:
-    """All nodes stick: M (u, r) = (f, -g) with M = [[K, -Bᵀ], [B, 0]], for which the adjoint
-    is one solution with Mᵀ, and the differences are those of the contact solver.
-    """
-    mesh, rng = box("quadrilateral"), np.random.default_rng(8)
-    way, weights = rng.normal(size=mesh.p.shape), rng.normal(size=(1, 4, 2))
-    load = fem.Load("one", "top", pressure=1.0)
-
-    def made(h: float = 0.0, young: float = 30.0, move: float = 0.0) -> fem.Assembly:
-        contact = fem.Contact("one", "bottom", 5.0, plane=([0, move], [0.0, 1.0]))
-        there = placed(mesh, mesh.p + h * way)
-        body = fem.Body("one", there, fem.Material(young, 0.3))
-        spring = fem.Spring("one", "top", stiffness=2.0)
-        return fem.assemble([body], [contact], springs=[spring])
-
-    def solved(model: fem.Assembly) -> Any:
-        result = model.problem().solve(load.forces(model.bodies[0]), tol=1e-13)
-        assert (result.status[-1] == 2).all()
-        return result
-
-    def value(model: fem.Assembly) -> float:
-        return float(np.sum(weights * solved(model).reaction))
-
-    model = made()
-    result, B, n = solved(model), model.B.toarray(), model.n
-    M = np.block([[model.K.toarray(), -B.T], [B, np.zeros((len(B), len(B)))]])
-    y = np.linalg.solve(M.T, np.r_[np.zeros(n), weights.ravel()])
-    gradient = fem.ParameterGradient(
-        model,
-        adjoint=y[None, :n],
-        displacement=[result[0].displacement],
-        gap=-y[n:].reshape(weights.shape),
-        reaction=result.reaction,
-        loads=[load],
-    )
-    # Differences of solutions: rounding of some 1e-12 over the step. The derivative by
-    # Young's modulus is small, since the load is given: rounding is 1e-8 of it.
-    for derivative, at, step, within in (
-        (np.sum(gradient.nodes * way.T), made, 1e-3, 1e-7),
-        (gradient.young["one"][0], lambda h: made(young=30.0 + h), 0.1, 1e-6),
-        (gradient.obstacles[0][1], lambda h: made(move=h), 1e-3, 1e-7),
-    ):
-        wanted = slope(lambda h, at=at: value(at(h)), step)
-        assert derivative == pytest.approx(wanted, rel=within)
-
-
-def test_cells_are_passed_over_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Moduli, thickness and nodes share one pass over the steps of each body."""
-    passes = []
-    gradients = fem.ParameterGradient._gradients
-
-    def counted(self: Any, b: int) -> Any:
-        passes.append(b)
-        return gradients(self, b)
-
-    monkeypatch.setattr(fem.ParameterGradient, "_gradients", counted)
-    model = model_of(bent("triangle"))
-    gradient = Product(model).gradient(model)
-    asked = gradient.young, gradient.poisson, gradient.thickness, gradient.nodes
-    assert all(field is not None for field in asked)
-    assert passes == [0]

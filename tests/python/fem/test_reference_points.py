@@ -1,6 +1,5 @@
 """Obstacles under a force, rigid sets and forces at a distance."""
 
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -113,25 +112,6 @@ def test_a_free_obstacle_balances_its_contacts() -> None:
     np.testing.assert_array_equal(rest.displacement, two.displacement[1:])
 
 
-def test_units_of_reference_points() -> None:
-    """Lengths in mm or in m, stress unchanged: displacements as lengths, forces as areas."""
-    scaled = []
-    for scale in (1.0, 1e3):
-        body = block("quadrilateral", size=scale)
-        model = punched(2, body=body, floating=Floating("punch", (1,)))
-        f = model.reference_force("punch", [0.0, -3.0 * scale])
-        pushed = model.problem().solve(f, tol=1e-13)
-        grip = Remote("grip", "it", "top", [0.3 * scale, 2.0 * scale])
-        model = held_by(grip, body=body)
-        f = model.reference_force("grip", [0.2 * scale, -3.0 * scale], 0.1 * scale**2)
-        turned = model.problem().solve(f, tol=1e-13)
-        assert inspect(model) == []
-        both = (pushed, turned)
-        scaled.append([x / scale for r in both for x in (r.displacement, r.reaction)])
-    for result, other in zip(*scaled, strict=True):
-        close(other, result, SOLVED)
-
-
 @pytest.mark.parametrize("engine", ["direct", "iterative"])
 def test_obstacles_under_a_force_in_other_units_of_stress(engine: str) -> None:
     """Steel in Pa or in MPa: an obstacle has no stiffness from which a scale could follow."""
@@ -164,28 +144,6 @@ def test_obstacles_under_a_force_in_other_units_of_stress(engine: str) -> None:
         close(other.reaction / stress, plain.reaction, 10 * SOLVED)
 
 
-def test_another_stiffness_and_a_pickle() -> None:
-    """Twice the stiffness halves the displacement; a pickled problem has the same bits."""
-    model = held_by(Remote("grip", "it", "top"), body=block("hexahedron", 2))
-    f = model.reference_force("grip", [0.1, 0.0, -3.0])
-    problem = model.problem()
-    u = problem.solve(f, tol=1e-13).displacement
-    same = pickle.loads(pickle.dumps(problem)).solve(f, tol=1e-13)
-    np.testing.assert_array_equal(same.displacement, u)
-    problem.update(2 * model.K)
-    close(2 * problem.solve(f, tol=1e-13).displacement, u, SOLVED)
-
-
-def test_gradient_by_the_force_on_an_obstacle() -> None:
-    """The derivative of the approach by the force is the slope of two close solutions."""
-    model = punched(2, floating=Floating("punch", (1,)))
-    f = model.reference_force("punch", [0.0, -3.0])
-    problem = model.problem(engine="direct")
-    slope = problem.solve(f, tol=1e-13).jvp(load=f).displacement[0, -1]
-    # One closed flat contact: all is proportional to the force.
-    assert slope == pytest.approx(problem.solve(f).displacement[0, -1], rel=1e-8)
-
-
 def test_an_obstacle_that_nothing_holds() -> None:
     model = punched(2, floating=Floating("punch", (0, 1)))
     assert inspect(model) == []
@@ -195,20 +153,6 @@ def test_an_obstacle_that_nothing_holds() -> None:
         "obstacle 'punch' can move freely, and no contact holds it: prescribe its motion, "
         "or add a contact or friction that stops it"
     )
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_column_under_a_rigid_plate(cell: str) -> None:
-    """Without Poisson's effect a force at the middle gives F L / (E A), without rotation."""
-    up = np.eye(CELLS[cell])[-1]
-    body = replace(block(cell), material=fem.Material(1000.0, 0.0))
-    plate = Remote("plate", "it", "top", components=range(len(up) - 1))
-    model = held_by(plate, body=body)
-    assert inspect(model) == []
-    result = model.problem().solve(model.reference_force("plate", -7 * up), tol=1e-13)
-    motion, turn = model.reference_motion("plate", result.displacement[0])
-    near(motion, -7e-3 * up, 1e-13)
-    near(turn, 0, 1e-13)
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -290,26 +234,6 @@ def test_a_rigid_body_on_soft_springs(soft: float) -> None:
     near(turn, 0, 1e-12)
 
 
-def test_numbering_of_a_rigid_set() -> None:
-    """Renumbered nodes of the mesh, the same displacements."""
-    results, mesh = [], box("triangle", 4)
-    every = np.arange(mesh.p.shape[1])
-    for order in (every, np.random.default_rng(3).permutation(every)):
-        place = np.argsort(order)
-        other = type(mesh)(mesh.p[:, order], place[mesh.t])
-        ends = {
-            n: fem.surface(other, {1: (y, y)}) for n, y in (("top", 1), ("bottom", 0))
-        }
-        body = Body("it", fem.with_surfaces(other, ends), SOFT)
-        model = held_by(Remote("grip", "it", "top", [0.7, 2.0]), body=body, mu=0.2)
-        f = model.reference_force("grip", [0.1, -4.0], 0.2)
-        u = model.problem().solve(f, tol=1e-13).displacement[0]
-        nodes, grip = np.split(u, [model.nodes.size])
-        results.append((nodes.reshape(-1, 2)[place], grip))
-    for plain, other in zip(*results, strict=True):
-        close(other, plain, SOLVED)
-
-
 def test_a_load_on_a_supported_node_is_named_with_its_place() -> None:
     """As `*CLOAD` of a deck becomes one: a set of one node, which does not turn."""
     at = [0.0, 0.0, 1.0]
@@ -344,30 +268,6 @@ def test_supports_on_nodes_of_a_rigid_set_hold_it() -> None:
     shift, turn = model.reference_motion("grip", u[0])
     near(turn, [0.1, 0, 0], 1e-15)
     near(shift, [0.1, 0.2, 0.35], 1e-15)
-
-
-def test_half_of_a_rigid_set_on_a_plane_of_symmetry() -> None:
-    """Components that symmetry excludes are prescribed, also where a support holds nodes."""
-    cut = np.linspace(0, 1, 3)
-    floor = [Contact("it", "bottom", 0.3, plane=([0, 0, 0.0], [0, 0, 1]))]
-
-    def solved(x: Floats, share: float, *symmetric: fem.Symmetry) -> Any:
-        body = Body("it", fem.box([x, cut, cut], "hexahedron"), SOFT)
-        held = {"components": (0,), "rotations": (1, 2)} if symmetric else {}
-        grip = Remote("grip", "it", "top", [0.0, 0.5, 1.0], **held)
-        model = fem.assemble([body], floor, symmetries=symmetric, remotes=[grip])
-        f = model.reference_force("grip", [0, share, -8 * share], [0.4 * share, 0, 0])
-        result = model.problem().solve(f, tol=1e-13)
-        return body, result, model
-
-    whole, all_of, _ = solved(np.linspace(-1, 1, 5), 2.0)
-    half, part, model = solved(cut, 1.0, fem.Symmetry("it", "left"))
-    same = [np.flatnonzero((whole.points == x).all(axis=1))[0] for x in half.points]
-    u = all_of.displacement[0, : whole.points.size].reshape(-1, 3)[same]
-    v = part.displacement[0, : half.points.size].reshape(-1, 3)
-    close(v, u, SOLVED)
-    shift, turn = model.reference_motion("grip", part.displacement[0])
-    near([shift[0], turn[1], turn[2]], 0, 1e-15)
 
 
 @pytest.mark.parametrize("cell", CELLS)

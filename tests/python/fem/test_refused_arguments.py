@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.files import export
 from support.boxes import box
 
 
@@ -84,11 +82,3 @@ def test_finite_elements() -> None:
     ):
         for bad in values:
             refused(lambda call=call, bad=bad: call(bad), *words)
-
-
-def test_files(tmp_path: Any) -> None:
-    refused(lambda: export.write_result(3, {}, [], complete=True), "path")  # type: ignore[arg-type]
-    not_ours = tmp_path / "text.h5"
-    not_ours.write_text("no result")
-    with pytest.raises(OSError, match=r"text\.h5|signature"):
-        bp.load_result(not_ours)

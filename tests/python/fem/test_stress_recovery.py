@@ -137,45 +137,6 @@ def test_second_order_bends_without_stress_in_a_linear_temperature() -> None:
     assert np.abs(stresses[1]).max() > 1e-3 * YOUNG * ALPHA * HEAT
 
 
-@pytest.mark.parametrize("cell", CELLS)
-def test_clamped_bar_heated(cell: str) -> None:
-    """Between walls, free laterally: -E α ΔT along it, in plane strain / (1 - ν) more."""
-    d = CELLS[cell]
-    body = fem.Body("it", mesh(cell, 1, bent=0.0), fem.Material(YOUNG, POISSON))
-    names = ["left", "right", "bottom", "front"][: d + 1]
-    planes = [fem.Symmetry("it", name) for name in names]
-    model = fem.assemble([body], [], symmetries=planes)
-    heat = fem.thermal(ALPHA, HEAT)
-    f = model.initial_strain("it", heat)
-    u = displaced(model, f, model.fixed)
-    # Held along x and z in the plane: σ_x = σ_z = -E α ΔT/(1 - ν).
-    along = -YOUNG * ALPHA * HEAT / (1 if d == 3 else 1 - POISSON)
-    wanted = np.diag([along, 0.0, along if d == 2 else 0.0])
-    near(
-        stress_recovery.stress(body, u, heat, space=True) - wanted,
-        0,
-        1e-10 * abs(along),
-    )
-    # The resultant of the reactions at the walls is the stress times the area.
-    pull = (model.K @ u - f).reshape(-1, d)[body.nodes("left"), 0].sum()
-    assert pull == pytest.approx(-along, rel=1e-10)
-
-
-def test_heat_of_one_volume_only() -> None:
-    """One half of a bar between walls is heated: both have σ = -E α ΔT/2."""
-    made = fem.box([np.linspace(0, 2, 5), np.linspace(0, 1, 3)], "quadrilateral")
-    warm = np.flatnonzero(made.p[0, made.t].mean(axis=0) < 1)
-    made, bar = made.with_subdomains({"warm": warm}), fem.Material(YOUNG, 0.0, True)
-    body = fem.Body("it", made, bar)
-    planes = [fem.Symmetry("it", name) for name in ("left", "right", "bottom")]
-    model = fem.assemble([body], [], symmetries=planes)
-    heat = {"warm": np.diag([ALPHA * HEAT, 0.0])}
-    u = displaced(model, model.initial_strain("it", heat), model.fixed)
-    wanted = np.diag([-YOUNG * ALPHA * HEAT / 2, 0.0])
-    stresses = stress_recovery.stress(body, u, heat)
-    near(stresses - wanted, 0, 1e-11 * YOUNG * ALPHA * HEAT)
-
-
 def test_invalid_initial_strains() -> None:
     body = fem.Body("it", mesh("triangle"), fem.Material(YOUNG, POISSON))
     model = fem.assemble([body], [])

@@ -62,31 +62,6 @@ def test_no_relations_change_nothing() -> None:
     assert tied.load(f) is f
 
 
-def test_an_inclined_plane_and_a_rigid_set() -> None:
-    """The same model, rotated, has the rotated solution, also of a set on the plane."""
-    turn, plain = np.array([[0.8, -0.6], [0.6, 0.8]]), box("quadrilateral")
-
-    def made(Q: Floats, side: str) -> fem.Assembly:
-        return fem.assemble(
-            [fem.Body("it", placed(plain, Q @ plain.p), STEEL)],
-            [],
-            [Support("it", None, (0, 1), at=Q @ np.zeros(2))],
-            symmetries=[Symmetry("it", "left")],
-            remotes=[Remote("grip", "it", side)],
-        )
-
-    def solved(Q: Floats, side: str) -> Floats:
-        model = made(Q, side)
-        f = model.reference_force("grip", Q @ np.array([1.0, 0.5]), [0.2])
-        u = model.problem().solve(f).displacement[0]
-        assert model.prescribed([[0.0, 0.0]]).shape == model.fixed.shape
-        return u[: model.nodes.size].reshape(-1, 2) @ Q
-
-    # Rounding times the condition of a small elastic body, 1e3.
-    for side in ("right", "top"):
-        close(solved(turn, side), solved(np.eye(2), side), 1e-12)
-
-
 @pytest.mark.parametrize("sides", [("left",), ("left", "front")])
 @pytest.mark.parametrize("point", [(0.5, 0.5, 2.0), (0.3, -0.4, 1.0)])
 def test_force_at_a_rigid_set_on_planes(sides: Any, point: Any) -> None:
