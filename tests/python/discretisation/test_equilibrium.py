@@ -12,10 +12,9 @@ from scipy.sparse.linalg import spsolve
 from bipot_rs import fem
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.equilibrium import moments
-from bipot_rs.discretisation.self_stress import SelfStress, _Functions
+from bipot_rs.discretisation.self_stress import SelfStress
 from bipot_rs.discretisation.simplices import (
     Simplices,
-    complementary,
     elastic,
     error_energy,
     pairs,
@@ -212,102 +211,6 @@ def test_the_least_energy_is_reached(dim: int) -> None:
     # One call ends within a hundredth of its target; in space, within a few hundredths.
     assert energies[0] <= 1.05 * energies[-1]
     assert all(b <= a * (1 + 1e-12) for a, b in pairwise(energies))
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_one_stress_for_forces_in_balance(dim: int) -> None:
-    """Johnson and Mercier: balanced moments of tractions determine the stress of a cell."""
-    random = np.random.default_rng(3)
-    x = random.normal(size=(dim + 1, dim))
-    edges = (x[1:] - x[0]).T[None]
-    inner = np.linalg.inv(edges)
-    gradients = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
-    volume = abs(np.linalg.det(edges[0])) / (2 if dim == 2 else 6)
-    forces = random.normal(size=(dim + 1, dim + 1, dim))
-    forces[np.arange(dim + 1), np.arange(dim + 1)] = 0
-    # Remove the torque of the forces about the centre.
-    spin = [(i, j) for i in range(dim) for j in range(i)]
-    arms = x - x.mean(axis=0)
-
-    def torque(m: Floats) -> Floats:
-        at = m.sum(axis=0)
-        return np.array(
-            [(arms[:, i] * at[:, j] - arms[:, j] * at[:, i]).sum() for i, j in spin]
-        )
-
-    unit = np.zeros((len(spin), dim + 1, dim + 1, dim))
-    for u, (i, j) in zip(unit, spin, strict=True):
-        for k in range(dim + 1):
-            for a in set(range(dim + 1)) - {k}:
-                u[k, a, j], u[k, a, i] = arms[a, i], -arms[a, j]
-    forces -= np.tensordot(
-        np.linalg.solve(np.array([torque(u) for u in unit]).T, torque(forces)), unit, 1
-    )
-    hat = johnson_mercier.stress(edges, gradients, forces[None])[0]
-    # Its tractions have the prescribed moments.
-    for k in range(dim + 1):
-        others = [a for a in range(dim + 1) if a != k]
-        area = -dim * volume * gradients[0, k]
-        traction = np.array([hat[k, a] @ area for a in others])
-        stress_value = (traction + traction.sum(axis=0)) / (dim * (dim + 1))
-        # Rounding times the condition of this cell and of the reference.
-        np.testing.assert_allclose(
-            stress_value, forces[k, others], atol=1e-11 * np.abs(forces).max()
-        )
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("poisson", [-0.5, 0.0, 0.3, 0.49999])
-def test_complementary_energy_is_dual(dim: int, poisson: float) -> None:
-    material = fem.Material(3.0, poisson)
-    e = np.random.default_rng(0).normal(size=(5, dim, dim))
-    e = e + e.swapaxes(1, 2)
-    stress = elastic(material, e)
-    work = np.einsum("kij,kij->k", stress, e)
-    # Near ν = 1/2 the stress is 1e5 times the part that causes shear.
-    np.testing.assert_allclose(complementary(material, stress), work, rtol=1e-9)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("held", ["nothing", "bottom", "a roller", "two sides"])
-@pytest.mark.quick_variants("*-2", "*bottom*")
-@pytest.mark.slow_variants("*-3")
-def test_self_stresses_span_the_null_space(dim: int, held: str) -> None:
-    """They span the null space of the balances of forces and torques of all cells.
-
-    The balances include all supports except one force and one torque.
-    """
-    mesh = fem.box([np.linspace(0, 1, n) for n in (3, 3, 2)[:dim]], CELLS[dim])
-    cells = simplices(fem.Body("it", mesh, fem.Material(1.0, 0.3)))
-    free = np.repeat(~cells.outside[:, None], dim, axis=1)
-    for side in {"bottom": ["bottom"], "two sides": ["bottom", "top"]}.get(held, []):
-        free[mesh.boundaries[side]] = True
-    if held == "a roller":
-        free[mesh.boundaries["left"], 0] = True
-    Z = _Functions(cells, free).matrix().toarray()
-    place, sign = cells.local_moments()
-    rows = []
-    for cell, corners in enumerate(cells.corners):
-        x = cells.points[corners] - cells.points[corners].mean(axis=0)
-        rigid = [np.broadcast_to(e, x.shape) for e in np.eye(dim)]
-        for i, j in combinations(range(dim), 2):
-            rigid.append(np.outer(x[:, i], np.eye(dim)[j]))
-            rigid[-1] = rigid[-1] - np.outer(x[:, j], np.eye(dim)[i])
-        for motion in rigid:
-            row = np.zeros((len(cells.facets) * dim, dim))
-            for p, (_, a) in enumerate(pairs(dim)):
-                row[place[cell, p]] += sign[cell, p] * motion[a]
-            rows.append(row.ravel())
-    balance = np.array(rows)
-    may = np.repeat(free[:, None], dim, axis=1).ravel()
-    # Sums of a few products of size 1.
-    assert np.abs(balance @ Z).max() <= 1e-13
-    assert np.all(Z[~may] == 0)
-    everything = may.sum() - np.linalg.matrix_rank(balance[:, may], tol=1e-9)
-    if held == "two sides":
-        everything -= 3 if dim == 2 else 6
-    assert np.linalg.matrix_rank(Z, tol=1e-9) == everything
-    assert everything > 0
 
 
 def test_unbalanced_nodal_force_is_refused() -> None:

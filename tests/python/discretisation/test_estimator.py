@@ -13,9 +13,8 @@ from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem, scene
 from bipot_rs.discretisation import BOUND, INDICATOR, Estimator, discretisation_error
-from bipot_rs.discretisation.simplices import elastic, simplices
 from bipot_rs.discretisation.stopping import LOOSEST, TIGHTEST, tolerance
-from support.boxes import box, placed
+from support.boxes import box
 from support.comparisons import refused
 
 Floats = NDArray[np.float64]
@@ -154,36 +153,6 @@ def test_error_is_zero_for_exact_solutions() -> None:
     assert error.kind == BOUND
 
 
-@pytest.mark.parametrize("name", ["pressed_block", "two_blocks"])
-def test_parts_are_not_negative_and_sum_up(name: str) -> None:
-    case, result = bench.solved(name, ["mesh.n=4"])
-    estimator = Estimator(case)
-    for k in range(len(result)):
-        error = estimator.error(result, k)
-        assert error.cells.min() >= 0
-        # Products of tractions and openings, rounded.
-        assert error.contacts.min() >= -1e-14 * error.total
-        assert error.total == pytest.approx(error.cells.sum() + error.contacts.sum())
-        assert error.volumes.sum() == pytest.approx(
-            sum(body.depth * simplices(body).volume.sum() for body in case.model.bodies)
-        )
-        energy = 0.5 * result.displacement[k] @ (case.model.K @ result.displacement[k])
-        # A sum of squares compared with one whose terms cancel.
-        assert error.elastic_energy == pytest.approx(energy, rel=1e-10)
-        assert error.relative == pytest.approx(np.sqrt(error.total / energy), rel=1e-9)
-        assert error.kind == INDICATOR
-
-
-def test_first_order() -> None:
-    """In the energy norm h, reduced by the ends of contact to h^0.9 from 4 to 16 cells."""
-    errors = [
-        discretisation_error(*bench.solved("pressed_block", [f"mesh.n={n}"])).relative
-        for n in (4, 8, 16)
-    ]
-    rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all((rates > 0.85) & (rates < 1.1)), rates
-
-
 def test_units_do_not_matter(tmp_path: Path) -> None:
     """For example millimetres and megapascals, or inches and pounds; also the thickness."""
     length, stress = 1 / 25.4, 145.0377
@@ -212,22 +181,6 @@ def test_units_do_not_matter(tmp_path: Path) -> None:
     assert thick.relative == pytest.approx(plain.relative, rel=1e-9)
 
 
-def test_a_turned_scene_has_the_same_error() -> None:
-    """A cube on an inclined plane, with the whole scene rotated in space."""
-    mesh, moved = box("tetrahedron", 2), np.array([0.3, -0.2, -1.0]) * 1e-2
-    errors = []
-    for Q in (np.eye(3), np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]):
-        body = fem.Body("it", placed(mesh, Q @ mesh.p), fem.Material(10.0, 0.3))
-        contact = fem.Contact("it", "bottom", 0.3, plane=(np.zeros(3), Q[:, 2]))
-        top = fem.Support("it", "top", (0, 1, 2))
-        model = fem.assemble([body], [contact], [top])
-        motion = model.prescribed([Q @ moved])[None]
-        case = scene.Case(model, None, motion, np.ones(1))
-        errors.append(discretisation_error(case, solved(case, tol=1e-13)).total)
-    # The tangents of the two scenes differ, and so does the rounding of the solver.
-    assert errors[1] == pytest.approx(errors[0], rel=1e-8)
-
-
 def test_no_penetration_between_nodes_of_a_curved_gap() -> None:
     """After the lift, the remaining curvature cannot close a facet, for any opening."""
     read = scene.read("cattaneo_mindlin", ["mesh.n=2", "mesh.element=P1"])
@@ -252,29 +205,6 @@ def test_no_penetration_between_nodes_of_a_curved_gap() -> None:
         # Each side contributes half of the opening.
         lifted = sum(np.abs(bubbles.vector).sum() for bubbles in lift.bubbles)
         assert lifted == pytest.approx((facets.curvature - lift.kept).sum())
-
-
-def test_energy_of_the_edge_functions() -> None:
-    """The energy of an edge function on one facet of a body equals its quadrature."""
-    case, _ = bench.solved("cattaneo_mindlin", ["mesh.n=2"])
-    estimator = Estimator(case)
-    lift = estimator._lift(np.zeros(len(case.model.gap)))
-    bubbles = next(b for b in lift.bubbles if b.body == 0)
-    cells, material = estimator.bodies[0], case.model.bodies[0].material
-    stress = np.zeros((len(cells.corners), 3, 3, 2, 2))
-    bubbles.subtract(cells, material, stress)
-    # In the plane each edge has one cell: the stress of c φ_a φ_b n at its points.
-    low = np.sort(bubbles.edges, axis=1)
-    for (a, b), vector in zip(low, bubbles.vector, strict=True):
-        cell = int(np.flatnonzero(np.isin(cells.corners, [a, b]).sum(axis=1) == 2)[0])
-        local = [int(np.flatnonzero(cells.corners[cell] == c)[0]) for c in (a, b)]
-        # At one end of the edge the gradient is that of the function of the other.
-        for at, slope in zip(local, cells.gradients[cell, local][::-1], strict=True):
-            gradient = np.outer(vector, slope)
-            expected = -elastic(material, 0.5 * (gradient + gradient.T))
-            part = next(k for k in range(3) if k != at)
-            np.testing.assert_allclose(stress[cell, part, at], expected, rtol=1e-12)
-    assert np.count_nonzero(np.abs(stress).sum(axis=(1, 2, 3, 4))) == len(low)
 
 
 def test_bad_calls(tmp_path: Path) -> None:
@@ -360,23 +290,6 @@ def test_bound_for_any_material(tmp_path: Path, poisson: float, plane: str) -> N
         assert error.total <= 2.2 * true
     elif poisson == 0.49:
         assert error.total <= 4 * true
-
-
-def test_table_of_the_chapter(repository: Path) -> None:
-    """Its rows come from the bench, and its bounds hold."""
-    page = (repository / "docs/paper/10-discretisation-error.md").read_text("utf-8")
-    head = "| " + " | ".join(bench.HEAD) + " |"
-    rows = [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in page.partition(head)[2].splitlines()[2:]
-        if line.startswith("|")
-    ]
-    assert len(rows) >= sum(len(sizes) for *_, sizes in bench.ROWS)
-    for row in rows[: sum(len(sizes) for *_, sizes in bench.ROWS)]:
-        effectivity = float(row[bench.HEAD.index("effectivity")])
-        if row[bench.HEAD.index("kind")] == BOUND:
-            assert effectivity >= 1
-        assert effectivity < 2
 
 
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel", "nesterov", "uzawa"])
