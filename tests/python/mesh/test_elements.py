@@ -238,18 +238,3 @@ def test_two_blocks_of_second_order(vtk: str) -> None:
     # ε = p/E upwards in 3D, p (1 - ν²)/E in plane strain.
     down = -2 * p / 2.0 * (1 if d == 3 else 1 - 0.3**2)
     np.testing.assert_allclose(u[blocks[1].nodes("top"), -1], down, rtol=1e-8)
-
-
-def test_large_meshes_are_made_without_a_warning(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    """scikit-fem warns about arrays that it must copy, from a thousand cells on."""
-    square = skfem.MeshQuad.init_tensor(*[np.linspace(0, 1, 41)] * 2)
-    caplog.clear()
-    corners, cells = (np.ascontiguousarray(a.T) for a in (square.p, square.t))
-    made, _ = elements.make_mesh("quad", corners, cells)
-    assert made.t.shape[1] == 1600
-    assert not caplog.records
-    # Cells in the wrong memory order give that warning.
-    skfem.MeshQuad(made.p, np.asfortranarray(made.t))
-    assert [record.levelname for record in caplog.records] == ["WARNING"]

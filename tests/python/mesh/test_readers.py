@@ -68,22 +68,6 @@ def test_box(name: str) -> None:
     near(jacobian - jacobian[:1], 0, 1e-13)
 
 
-def test_curved_border_of_a_disk() -> None:
-    mesh = fem.read_mesh(DATA / "disk.msh")
-    assert list(mesh.subdomains) == ["physical 7"]
-    assert not mesh.boundaries
-    facets = fem.surface(mesh, normal=(0.0, 1.0), angle=45.0)
-    mesh = fem.with_surfaces(mesh, {"all": mesh.boundary_facets(), "up": facets})
-    body, sides = fem.Body("it", mesh, STEEL), len(mesh.boundary_facets())
-    # Parabolas through arcs of 2π/sides: errors of h⁴ with a constant below 1/10.
-    assert abs(body.volume().weights.sum() - np.pi) < 0.1 * (2 * np.pi / sides) ** 4
-    border, up = body.surface("all"), body.surface("up")
-    assert border.weights.sum() == pytest.approx(2 * np.pi, rel=1e-3)
-    near(np.einsum("dpq,dpq->pq", border.places, border.normals), 1.0, 1e-2)
-    assert 0.0 < up.weights.sum() < np.pi
-    assert up.places[1].min() > 0.5
-
-
 def test_bodies_of_one_file() -> None:
     path = DATA / "two_bodies.msh"
     with refused(r"several kinds, 22 .*'lower' \(triangle\)"):

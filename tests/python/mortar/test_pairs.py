@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs.mortar import integrals, polygons
-from bipot_rs.mortar.facet_mesh import candidates, surface
 from support.comparisons import close, near, refused
 from support.sheets import line, rotation, second_order, sheet
 
@@ -97,39 +96,6 @@ def test_weights_are_the_integrals_of_dual_functions() -> None:
     close(pairs.master @ f(y.T), value / area, 1e-13)
     # Dual: one slave node for each row.
     np.testing.assert_allclose(pairs.slave.toarray(), np.eye(len(x)), atol=1e-14)
-
-
-def test_weights_by_brute_force_on_quadrilaterals() -> None:
-    """Regularly distributed points on both sheets, with shape functions of scikit-fem."""
-    x, cells = sheet(4, 2, up=False, seed=3)
-    y, facets = sheet(4, 3, up=True, seed=4)
-    pairs = bp.pairs(x, cells, y, facets)
-    m = 100
-    ticks = (np.arange(m) + 0.5) / m
-    p = np.stack(np.meshgrid(ticks, ticks, indexing="ij")).reshape(2, -1)
-
-    def shapes(x: Array, cells: NDArray[np.int64]) -> tuple[Array, Any, Any]:
-        mesh = skfem.MeshQuad(np.ascontiguousarray(x[:, :2].T), cells.T.copy())
-        basis = skfem.Basis(mesh, skfem.ElementQuad1())
-        cell = mesh.element_finder()(*p)
-        local = mesh.mapping().invF(p[:, :, None], tind=cell)[:, :, 0]
-        phi = np.stack([basis.elem.lbasis(local, i)[0] for i in range(4)])
-        return phi, np.asarray(mesh.t[:, cell]), cell
-
-    N, slave, owner = shapes(x, cells)
-    phi, master, _ = shapes(y, facets)
-    expected, area = np.zeros((len(x), len(y))), np.zeros(len(x))
-    for here in (owner == k for k in range(len(cells))):
-        nodes, own = slave[:, here][:, 0], N[:, here]
-        D = np.diag(own.sum(axis=1))
-        psi = D @ np.linalg.solve(own @ own.T, own)
-        for i, j in np.ndindex(4, 4):
-            np.add.at(expected[nodes[i]], master[j, here], psi[i] * phi[j, here])
-        np.add.at(area, nodes, D.diagonal())
-    expected /= area[:, None]
-    # A sum over points at distance 1/m has an error of about 1/m at the edges of the cells.
-    assert abs(pairs.master.toarray() - expected).max() < 2 / m
-    assert abs(pairs.area - area / m**2).max() < 0.2 / m
 
 
 @pytest.mark.parametrize(
@@ -371,18 +337,6 @@ def test_gaps_between_spheres(slave: int, master: int) -> None:
     assert errors[-1] < 5e-4
 
 
-def test_large_surfaces_take_no_product_of_their_sizes() -> None:
-    """The number of candidates per facet does not grow with refinement."""
-    most = []
-    for n in (10, 40):
-        (x, below), (y, above) = sheet(4, n, up=False), sheet(4, n + 3, up=True)
-        slave = surface("points", x, "slave", below)
-        master = surface("points", y, "master", above)
-        s, _ = candidates(slave.centre, slave.radius, slave.normals, master)
-        most.append(len(s) / len(slave.facets))
-    assert most[1] < 1.2 * most[0] < 25
-
-
 @pytest.mark.parametrize("nodes", [0, 3, 4, 6, 9])
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.slow_variants("*-9", "False-*")
@@ -498,16 +452,6 @@ def test_a_pad_over_a_round_surface(method: str, cells: int) -> None:
     # The sagitta of a facet is h²/8 over the radius, measured along the vertical.
     exact = 2 - np.sqrt(1 - x**2)
     assert np.abs(pairs.gap - exact)[1:-1].max() < (1.1 / cells) ** 2
-
-
-def test_layers_under_a_part_of_a_facet() -> None:
-    pad = [[0, 0], [2, 0.0]]
-    sheets = [[0, -0.1], [1, -0.1], [0, -0.5], [1, -0.5]]
-    both = (pad, [[0, 1]], sheets, [[1, 0], [3, 2]])
-    with refused("lies in several layers opposite to facet 0"):
-        bp.pairs(*both)
-    near = bp.pairs(*both, distance=0.2)
-    np.testing.assert_allclose(near.gap, 0.1, rtol=1e-14)
 
 
 @pytest.mark.parametrize("parts", [1, 4])

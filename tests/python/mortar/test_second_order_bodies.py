@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bipot_rs import analytic, fem
+from bipot_rs import fem
 from bipot_rs import obstacle as ob
 from support.comparisons import close, near, refused
 
@@ -182,31 +182,3 @@ def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> No
     close(result.displacement[0].reshape(-1, 3) @ turn / unit, exact, 1e-12)
     assert result.traction is not None
     near(unit**2 * result.traction[0, :, 0], P, 1e-11 * P)
-
-
-@pytest.mark.parametrize("kind", ["T6", "Q8"])
-@pytest.mark.slow_variants("T6")
-def test_hertz_turned_and_in_other_units(kind: str) -> None:
-    """A rigid ball on a quarter of a block: equal to the unrotated result, close to Hertz's."""
-    radius, a = 1.0, 0.1
-    g = np.append(np.linspace(0, 1.4 * a, 4), 1.4 * a * np.geomspace(1, 7, 4)[1:])
-    planes = [fem.Symmetry("it", s) for s in ("left", "front", "bottom")]
-    results = []
-    turned = Rotation.random(random_state=3).as_matrix()
-    for turn, unit in ((np.eye(3), 1.0), (turned, 1e6)):
-        body = made(kind, [g, g, np.sort(-g)], turn, unit)
-        ball = ob.Sphere(unit * (radius - a**2 / radius) * turn[:, 2], unit * radius)
-        contact = fem.Contact("it", "top", 0.0, obstacle=ball, pairing="mortar")
-        model = fem.assemble([body], [contact], symmetries=planes)
-        result = model.problem().solve(None, model.prescribed([]), tol=1e-12)
-        force = np.einsum("cij,ci->j", model.frame, result.reaction[0]) @ turn
-        u = result.displacement[0].reshape(-1, 3) @ turn / unit
-        results.append((force, u, result.status[0]))
-    (force, u, status), (other, v, again) = results
-    close(other, force, 1e-9)
-    close(v, u, 1e-9)
-    np.testing.assert_array_equal(status, again)
-    e_star = analytic.contact_modulus(E, NU)
-    half, _, _ = analytic.hertz_sphere(-4 * force[2], radius, e_star)
-    # Three facets over the contact radius, and a block ten radii deep.
-    assert half == pytest.approx(a, rel=0.06)

@@ -11,7 +11,7 @@ from bipot_rs import analytic, fem
 from bipot_rs.fem.contact.surfaces import ContactSurface
 from support.boxes import placed
 from support.comparisons import near, refused
-from support.halfspace import body, boussinesq, grid, mirrored
+from support.halfspace import body, grid, mirrored
 from support.profiles import Profile
 
 pytestmark = pytest.mark.needs_extra
@@ -293,52 +293,6 @@ def test_rings(slave: str) -> None:
     assert orders[1] > 1.8, moved
     assert errors[-1] < 0.03
     assert moved[-1] < 3e-3
-
-
-def test_spheres() -> None:
-    """Two equal spheres, a quarter of each: force and pressure for an approach, by Hertz."""
-    radius, delta, far = 250.0, 8e-3, 6.0
-    force = 4 / 3 * E_STAR * np.sqrt(radius) * delta**1.5
-    a, _, p0 = analytic.hertz_sphere(force, radius, E_STAR)
-    assert a == pytest.approx(np.sqrt(2))
-    pair = fem.Contact(
-        "upper",
-        "bottom",
-        0.0,
-        against=("lower", "top"),
-        pairing="mortar",
-        clearance=lambda x: np.sum(x[:, :2] ** 2, axis=1) / (2 * radius),
-        within={0: (0, 1.5 * a), 1: (0, 1.5 * a)},
-    )
-    free = {"left": (0,), "front": (1,)} | dict.fromkeys(("right", "back"), (0, 1, 2))
-    supports = [
-        fem.Support(name, side, parts)
-        for name, end in (("upper", "top"), ("lower", "bottom"))
-        for side, parts in (free | {end: (0, 1, 2)}).items()
-    ]
-    errors = []
-    for h in (0.4, 0.2):
-        bodies = []
-        for name, k, sign in (("upper", h, 1), ("lower", 1.3 * h, -1)):
-            flat, up = a * grid(k, 1.4, far), sign * a * grid(k, 0.6, far)
-            bodies.append(body(name, [flat, flat, up], 1.0, NU))
-        model = fem.assemble(bodies, [pair], supports)
-        side = np.where(np.arange(len(model.nodes)) < model.offset[1] // 3, 1.0, -1.0)
-        x = model.nodes * np.column_stack([side**2, side**2, side])
-        field = boussinesq(x, force, 1.0, NU) - [0, 0, delta / 2]
-        field[:, 2] *= side
-        on_far = (x == x.max(axis=0)).any(axis=1)
-        moved = np.where(on_far[:, None], field, 0.0).ravel()[model.fixed]
-        result: Any = model.problem().solve(None, moved)
-        r = np.linalg.norm(model.points, axis=1)
-        expected = np.zeros_like(result.reaction[0])
-        expected[:, 0] = analytic.hertz_pressure(r, a, p0)
-        profile = Profile(r, model.area, result.traction[0], expected)
-        assert profile.error(0) < 0.6 * h
-        errors.append(abs(4 * result.reaction[0][:, 0].sum() / force - 1))
-    # Order 2; cells of 0.1 leave 0.004.
-    assert errors[1] < errors[0] / 3.5
-    assert errors[1] < 0.025
 
 
 def test_contacts_of_all_kinds_in_one_model() -> None:

@@ -13,7 +13,7 @@ from bipot_rs import analytic, fem, scene
 from bipot_rs import obstacle as ob
 from bipot_rs.discretisation import discretisation_error
 from support.boxes import box, placed
-from support.comparisons import close, near, refused
+from support.comparisons import close, near
 from support.spheres import cube
 
 pytestmark = pytest.mark.needs_extra
@@ -64,33 +64,6 @@ def nodal(model: fem.Assembly, result: bp.Result) -> np.ndarray:
     return force
 
 
-def test_a_plane_by_either_name() -> None:
-    plane = ([0.1, 0.2, 0.3], [1.0, 2.0, -4.0])
-    by_plane = fem.Contact("slab", "top", 0.3, plane=plane)
-    one, other = (
-        fem.assemble([slab(3, 3)], [contact])
-        for contact in (by_plane, top(0.3, ob.Plane(*plane)))
-    )
-    np.testing.assert_allclose(one.gap, other.gap, rtol=1e-14)
-    near(one.frame, other.frame, 1e-15)
-    assert one.gaps(3) is None
-    assert other.gaps(3) is None
-
-
-def test_gaps_under_a_ball_are_its_parabola_near_by() -> None:
-    """Along the axis the distance is r²/2R, up to fourth order in r/R."""
-    ball, errors = ob.Sphere([0, 0, 2.0], 2.0), []
-    for size in (1.0, 0.5, 0.25):
-        model = fem.assemble([slab(4, 3, unit=size)], [top(0.0, ball)])
-        exact = (model.points[:, :2] ** 2).sum(axis=1) / 4
-        errors.append(np.abs(model.gap - exact).max())
-        # From the obstacle towards the body: downwards, and outwards at the sides.
-        towards = model.points - [0, 0, 2.0]
-        towards /= np.linalg.norm(towards, axis=1)[:, None]
-        np.testing.assert_allclose(model.frame[:, 0], towards, atol=1e-15)
-    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(4, abs=0.15)
-
-
 def test_hertz_under_a_rigid_cylinder() -> None:
     """Pressures converge to Hertz's, with the force computed for each indentation.
 
@@ -133,28 +106,6 @@ def test_hertz_under_a_rigid_cylinder() -> None:
     assert errors[0] / errors[2] > 3
     assert within[0] / within[2] > 8
     assert within[2] < 1 / wide**2
-
-
-def test_hertz_under_a_rigid_sphere() -> None:
-    """Force over indentation and peak pressure, on a quarter of a block."""
-    radius, a = 1.0, 0.1
-    g = np.append(np.linspace(0, 1.3 * a, 7), a * np.geomspace(1.3, 10, 6)[1:])
-    body = fem.Body("slab", fem.box([g, g, -g], "hexahedron"), fem.Material(E, NU))
-    sinking = ob.Motion([[0, 0, -(a**2) / radius]])
-    contact = top(0.0, ob.Sphere([0, 0, radius], radius), motion=sinking)
-    sides = [fem.Symmetry("slab", side) for side in ("left", "front")]
-    ground = fem.Support("slab", "bottom", (0, 1, 2))
-    model = fem.assemble([body], [contact], [ground], symmetries=sides)
-    result = model.problem().solve(gap=model.gaps(1))
-    force = -4 * forces(model, result)[0, :, 2].sum()
-    e_star = analytic.contact_modulus(E, NU)
-    half, _, peak = analytic.hertz_sphere(force, radius, e_star)
-    assert result.traction is not None
-    at = np.argmin((model.points**2).sum(axis=1))
-    # Five cells over the contact radius. The rigid ground is ten radii deep and makes the
-    # block stiffer: by about a/L for force over indentation.
-    assert half == pytest.approx(a, rel=0.06)
-    assert result.traction[0, at, 0] == pytest.approx(peak, rel=0.05)
 
 
 def test_a_torus_in_a_scene_turns_about_its_own_centre() -> None:
@@ -222,35 +173,6 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(pairing: str, dim: int) -> 
         near(gap.by_component[:, 1:], -gap.frame[:, 1:] @ way, 1e-16)
 
 
-def test_a_roller_drags_the_sticking_nodes() -> None:
-    """Pressed, then rotated in place: sticking nodes move by ω r."""
-    radius, turned = 2.0, 1e-3
-    motion = ob.Motion([[0, -0.01]] * 3, [0.0, turned, -turned], about=[0, radius])
-    roller = ob.Cylinder([0, radius], radius)
-    model, problem = held(slab(20), [top(5.0, roller, motion=motion)])
-    result = problem.solve(gap=model.gaps(3), tol=TOL)
-    stuck = (result.status == bp.Status.STICK).all(axis=0)
-    assert 4 <= stuck.sum() < len(stuck)
-    # The roller stays where it is after the first step, and so do the frames.
-    model = model.in_step(result[0])
-    u = (model.B @ result.displacement.T).T.reshape(3, -1, 2)
-    # Counter-clockwise, the lowest point moves to the right; all closest points move by ω r,
-    # except that they lie on the lowered circle.
-    way = turned * radius * (model.frame[stuck][:, 1] @ [1, 0])
-    gone = u[1, stuck, 1] - u[0, stuck, 1]
-    np.testing.assert_allclose(np.abs(gone), turned * radius, rtol=1e-3)
-    assert np.array_equal(np.sign(gone), np.sign(way))
-    moving = model.gaps(3)
-    assert isinstance(moving, bp.MovingGaps)
-    gaps = moving.by_component
-    # Sticking nodes move with the surface below them, to the accuracy of the solution.
-    near(gone, -(gaps[1] - gaps[0])[stuck, 1], 1e-9 * turned * radius)
-    # And back past the start: the shear reverses.
-    pushed = forces(model, result)[:, :, 0].sum(axis=1)
-    assert pushed[1] > 0 > pushed[2]
-    assert pushed[0] == pytest.approx(0, abs=1e-9 * pushed[1])
-
-
 @pytest.mark.parametrize("unit", [1.0, 1e3, 1e-6])
 def test_turned_and_in_other_units_it_is_the_same(unit: float) -> None:
     Q = Rotation.from_rotvec([0, 0, 0.7]).as_matrix()[:2, :2]
@@ -302,36 +224,6 @@ def test_a_node_in_a_corner_has_two_contacts() -> None:
     expected = -k * np.array([q - NU / (1 - NU) * p, p - NU / (1 - NU) * q])
     u = result[0].displacement.reshape(-1, 2)
     near(u, (model.nodes - [-0.5, -1]) * expected, SAME * k * p)
-
-
-def test_a_corner_with_friction_carries_the_load() -> None:
-    contacts = [
-        fem.Contact("slab", "bottom", 0.3, obstacle=GROUND),
-        fem.Contact("slab", "left", 0.3, obstacle=WALL),
-    ]
-    model = fem.assemble([slab(4)], contacts)
-    corner = (model.points == [-0.5, -1]).all(axis=1)
-    assert corner.sum() == 2
-    load = model.traction("slab", "top", [-0.5, -3])
-    result = model.problem().solve(load, tol=TOL)
-    force = forces(model, result)[0].sum(axis=0)
-    np.testing.assert_allclose(force, [0.5, 3], rtol=1e-9)
-    limit = 0.3 * result.reaction[0, :, 0]
-    assert (np.abs(result.reaction[0, :, 1]) <= limit + SAME).all()
-    assert result.relative_displacement[0, :, 0].min() >= -SAME / E
-
-
-def test_each_of_two_rollers_presses_where_it_is_nearest() -> None:
-    """One union and two separate contacts give the same result."""
-    rollers = [ob.Cylinder([-0.25, 0.2], 0.2), ob.Cylinder([0.25, 0.3], 0.3)]
-    down, total = ob.Motion([[0, -0.01]]), []
-    for shapes in ([ob.Union(rollers)], rollers):
-        contacts = [top(0.3, shape, motion=down) for shape in shapes]
-        model, problem = held(slab(20), contacts)
-        total.append(nodal(model, problem.solve(gap=model.gaps(1), tol=TOL)))
-    close(*total, SAME)
-    x = slab(20).points[np.abs(total[0][:, 1]) > 0, 0]
-    assert x.min() < 0 < x.max()
 
 
 def test_discretisation_error_is_bounded_for_planes_only() -> None:
@@ -423,22 +315,6 @@ def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -
     inner = under if pairing == "match" else np.abs(flat[:, :2]).max(axis=1) < 0.9
     near(gap[inner], 0, 1e-14)
     near(normal[under] + turn[:, 2], 0, 1e-13)
-
-
-def test_steps_of_obstacles_and_of_loads() -> None:
-    sinking = ob.Motion([[0, 0], [0, -0.1]])
-    model, problem = held(slab(), [top(0, FLOOR, motion=sinking)])
-    with refused("has 2 steps, but the load path has 3"):
-        model.gaps(3)
-    # The problem stores the gaps of its moving obstacles.
-    told = problem.solve(gap=model.gaps(2))
-    assert len(told) == 2
-    assert told.reaction[1, :, 0].min() > 0
-    paths = [problem.solve_many([more])[0] for more in ({}, {"gap": model.moving})]
-    for path in (problem.solve(), *paths):
-        assert np.array_equal(path.reaction, told.reaction)
-    with refused("gap has 2 steps but the load path has 3"):
-        problem.solve(np.zeros((3, model.n)))
 
 
 def floor(kind: str, n: int) -> tuple[np.ndarray, Any]:

@@ -133,22 +133,3 @@ def test_near_the_centre_of_a_sphere(
     assert sum(work.nodes) <= 20 * nodes
     assert sum(work.facets) <= 20 * facets
     assert max(work.nodes) <= facet_tree.AT_ONCE
-
-
-def test_beside_a_large_facet(work: Work) -> None:
-    """The first bound is that of the large facet, not of the small ones beside it."""
-    # Two triangles of a square, and a strip of small ones beside it.
-    n, m = 20, 200
-    along, across = np.meshgrid(np.linspace(1, 1.1, n + 1), np.linspace(0, 1, m + 1))
-    strip = np.column_stack([along.ravel(), across.ravel(), np.zeros(along.size)])
-    a = (np.arange(n) + (n + 1) * np.arange(m)[:, None]).ravel() + 4
-    facets = [np.array([[0, 1, 2], [0, 2, 3]])]
-    facets += [np.c_[a, a + 1, a + n + 2], np.c_[a, a + n + 2, a + n + 1]]
-    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    plate = ob.Surface(np.concatenate([square, strip]), np.concatenate(facets))
-    points = np.random.default_rng(0).uniform([0.7, 0, 0], [0.99, 1, 0], (500, 3))
-    points[:, 2] = 1e-3
-    work.nodes.clear()
-    closest = plate.closest(points)
-    np.testing.assert_allclose(closest.distance, 1e-3, rtol=1e-12)
-    assert sum(work.nodes) <= 100 * len(points)

@@ -78,16 +78,6 @@ def test_a_roller_that_will_move_presses_straight_before(pairing: str) -> None:
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
-def test_a_step_does_not_depend_on_later_ones(pairing: str) -> None:
-    angles = [0.0, -WAY / RADIUS]
-    _, whole = rolled(PRESSED_AND_MOVED, angles, 0.3, pairing)
-    _, first = rolled(PRESSED_AND_MOVED[:1], angles[:1], 0.3, pairing)
-    for name in ("reaction", "slip", "relative_displacement", "displacement"):
-        assert np.array_equal(getattr(first, name)[0], getattr(whole, name)[0])
-    assert np.array_equal(first[0].frame, whole[0].frame)
-
-
-@pytest.mark.parametrize("pairing", ["match", "mortar"])
 def test_turned_as_a_whole_it_is_the_same(pairing: str) -> None:
     turn = turned(0.7)
     path = [[0.0, -DEPTH], [2.0, -DEPTH], [4.0, -DEPTH]], [0.0, -0.02, -0.04]
@@ -145,47 +135,6 @@ def test_a_rolling_disc_converges_with_the_steps() -> None:
     assert changes[-1] < 0.01 * np.linalg.norm(forces[-1])
 
 
-def turned_together(steps: int, angle: float) -> bp.Result:
-    """A node on a spring and the plane that it presses turn as a whole.
-
-    The base of the spring is prescribed to turn by ``angle`` about the origin, 1 m away;
-    it is pressed by δ.
-    """
-    k, delta = 1e3, 1e-3
-    angles = np.linspace(0.0, angle, steps + 1)[1:]
-    x = np.array([[1.0, 0.0]])
-    plane = ob.Plane([0.0, 0.0], [0.0, 1.0])
-    moving = passed(plane, ob.Motion(rotation=angles), x)
-    c, s = np.cos(angles), np.sin(angles)
-    turned = np.column_stack([c + delta * s, s - delta * c])
-    spring = k * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    base = np.array([[[0.0, 1.0], [-1.0, 0.0]]])
-    problem = bp.ContactProblem(
-        np.kron(spring, np.eye(2)),
-        np.hstack([base[0], np.zeros((2, 2))]),
-        gap=[0.0],
-        mu=0.5,
-        fixed=[2, 3],
-        frame=base,
-        gaps=moving,
-    )
-    return problem.solve(prescribed=turned - x, tol=TOL)
-
-
-def test_what_turns_as_a_whole_keeps_its_contact_forces() -> None:
-    """The normal force is exact; the slip, which is none, vanishes with the step size."""
-    shears = []
-    for steps in (10, 20, 40, 80):
-        result = turned_together(steps, 0.4)
-        # The gap of a plane is exact in any position.
-        np.testing.assert_allclose(result.reaction[:, 0, 0], 1.0, rtol=1e-9)
-        shears.append(abs(result.reaction[-1, 0, 1]))
-    orders = np.log2(np.array(shears[:-1]) / shears[1:])
-    # The next term of the error is of second order: half of the step, half the deviation.
-    np.testing.assert_allclose(orders, 1.0, atol=0.15)
-    assert abs(orders[-1] - 1.0) < 0.6 * abs(orders[-2] - 1.0)
-
-
 def test_planes_that_move_keep_the_frames_of_the_problem() -> None:
     """A translated plane, and one that turns about its normal, change no frame."""
     body = fem.Body("plate", box("hexahedron"), fem.Material(1, 0.3))
@@ -201,30 +150,6 @@ def test_planes_that_move_keep_the_frames_of_the_problem() -> None:
         gaps = -np.einsum("cij,kcj->kci", model.frame, met.drag)
         gaps[:, :, 0] = met.distance
         assert np.array_equal(model.moving, gaps[1:])
-
-
-def test_automatic_steps_are_those_of_the_path_in_parts() -> None:
-    """A scene: the frames of a part of a load step depend only on where it ends."""
-    automatic = {"first": 0.5, "smallest": 0.1, "largest": 0.5}
-    model = roller(automatic=automatic).assemble()
-    result = model.solve(tol=TOL)
-    assert result.s is not None
-    assert len(result.s) == 6
-    assert all(step.frame is not None for step in result)
-    parts = model.sampled(result.s)
-    assert isinstance(parts.gaps, bp.MovingGaps)
-    problem = model.problem()
-    again = problem.solve(prescribed=parts.prescribed, gap=parts.gaps, tol=TOL)
-    assert np.array_equal(again.reaction, result.reaction)
-    assert np.array_equal(again.slip, result.slip)
-    # The ends of whole load steps are where the path without parts has them.
-    whole = roller().assemble()
-    assert isinstance(whole.gaps, bp.MovingGaps)
-    for k in range(3):
-        part, end = parts.gaps[2 * k + 1], whole.gaps[k]
-        near(part.gap, end.gap, 1e-14)
-        near(part.frame, end.frame, 1e-14)
-        near(part.drag, end.drag, 1e-14)
 
 
 def test_forces_of_supports_and_contacts_balance_in_each_step() -> None:

@@ -100,18 +100,6 @@ def two_bodies() -> None:
     write("two_bodies.msh", 1, False, 4.1, False)
 
 
-def disk() -> None:
-    """A disk of radius 1 of triangles with 6 nodes; its curved boundary has no name."""
-    gmsh.model.add("disk")
-    gmsh.model.occ.addDisk(0, 0, 0, 1, 1)
-    gmsh.model.occ.synchronize()
-    gmsh.option.setNumber("Mesh.MeshSizeMin", 0.6)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.6)
-    gmsh.model.addPhysicalGroup(2, [1], tag=7)
-    gmsh.model.mesh.generate(2)
-    write("disk.msh", 2, False, 4.1, False)
-
-
 def save_all() -> None:
     """Two squares, one of them named, with all cells saved."""
     gmsh.model.add("all")
@@ -177,7 +165,6 @@ def main() -> None:
     for name, box_settings in BOXES.items():
         box(name, *box_settings)
     two_bodies()
-    disk()
     save_all()
     groups()
     gmsh.finalize()
