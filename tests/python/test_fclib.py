@@ -3,7 +3,6 @@
 import errno
 import os
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -534,17 +533,3 @@ def test_wrong_arguments(
     with pytest.raises(error, match=said):
         fclib.write(tmp_path / "a.hdf5", **known)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_without_h5py_the_extra_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # With None in its place, Python does not find the module.
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    for call in (
-        lambda: fclib.read(tmp_path / "a.hdf5"),
-        lambda: fclib.write(tmp_path / "a.hdf5", pressed.square()),
-        lambda: bp.load(tmp_path / "a.h5"),
-    ):
-        with pytest.raises(ModuleNotFoundError, match=r"h5py.*'bipot-rs\[io\]'"):
-            call()

@@ -27,9 +27,6 @@ NAMES = ["block_2d_3", "block_3d_4_turning", "several_2d_3", "none_2d_6_clamped"
 # The last has entries that are zero by symmetry: their digits would show the order of sums.
 NAMES += ["floating_3d_16_cyclic", "none_2d_13_sliding"]
 LARGER = ["pair_3d_49_mortar", "block_3d_9_release"]
-# The last has entries that are zero by symmetry: their digits would show the order of sums.
-NAMES += ["floating_3d_16_cyclic", "none_2d_13_sliding", "pair_3d_49_mortar"]
-NAMES += ["block_3d_9_release"]
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """From blocks to a reduced problem: closed forms, invariances, messages."""
 
-import pickle
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import bipot_rs as bp
 from bipot_rs.blocks import Block
 from bipot_rs.blocks.interfaces import refuse_overlap
-from support.masonry import arch, assemble, box, find_balance, rotate, wall
+from support.masonry import arch, assemble, box, find_balance, rotate
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 
@@ -214,14 +212,6 @@ def test_words_for_a_motion() -> None:
     # A corner moves by the root of 2 for a rotation by 1.
     assert problem.describe([0, 0, 0, 0, 0, 1]) == "block 'b' turns by 0.707"
     assert problem.describe(np.zeros(6)) == "nothing moves"
-
-
-def test_a_copy_is_the_same_problem() -> None:
-    problem = assemble(wall(1), 0.65)
-    again = pickle.loads(pickle.dumps(problem))
-    assert (again.points == problem.points).all()
-    assert again.names == problem.names
-    assert again.residual(0 * problem.q) == problem.residual(0 * problem.q)
 
 
 def test_no_support_is_an_error() -> None:

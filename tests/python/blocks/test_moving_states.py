@@ -62,31 +62,6 @@ def test_the_judge_finds_each_violation() -> None:
         assert bench.judge(wall, wrong) > 0.1
 
 
-@pytest.mark.slow
-def test_wall_3_moves_below_its_largest_static_load() -> None:
-    wall = bench.build(3)
-    state, _ = bench.find_moving(wall, np.full(wall.R.shape[0], bench.COMPLIANCE))
-    least, most = bench.find_range(wall, *bench.sort_contacts(wall, state))
-    # The load of a state that another program found, to its digits.
-    assert least.load == pytest.approx(0.3558174, abs=1e-7)
-    assert most.load == pytest.approx(0.3558174, abs=1e-7)
-    assert max(bench.judge(wall, end) for end in (least, most)) <= bench.EXACT
-
-
-@pytest.mark.slow
-def test_a_search_finds_smaller_loads_of_wall_1() -> None:
-    wall = bench.build(1)
-    near = next(bench.approach(wall, np.ones(wall.R.shape[0])))
-    statuses = bench.sort_contacts(wall, near)
-    least, _ = bench.find_range(wall, *statuses)
-    assert least.load == pytest.approx(0.641541, abs=1e-6)
-    state, count = bench.descend(wall, least, statuses)
-    # A load that another program found, by the statuses of other states.
-    assert state.load < 0.639150
-    assert bench.judge(wall, state) <= bench.EXACT
-    assert count < bench.PROGRAMMES
-
-
 @pytest.mark.parametrize(("number", "compliance"), [(1, 1e-9), (2, 1e-5), (3, 1e-7)])
 def test_an_associated_wall_moves_at_its_static_limit(
     number: int, compliance: float

@@ -1,6 +1,5 @@
 """Files with a byte-order mark are read like files without one."""
 
-import ast
 import json
 import shutil
 from pathlib import Path
@@ -121,26 +120,3 @@ def test_temporary_copies_are_removed(tmp_path: Path) -> None:
         assert source.name == path.name
         assert source.read_bytes() == content
     assert not source.parent.exists()
-
-
-@pytest.mark.slow
-def test_every_text_is_read_without_the_mark(repository: Path) -> None:
-    # These read files of the package or the system, which have no mark.
-    exempt_files = {"new.py", "machine.py"}
-    with_mark = []
-    for file in (repository / "python" / "bipot_rs").rglob("*.py"):
-        if file.name in exempt_files:
-            continue
-        for node in ast.walk(ast.parse(file.read_text())):
-            match node:
-                case ast.Call(func=ast.Attribute(attr="read_text" | "open" as name)):
-                    keys = {
-                        k.arg: getattr(k.value, "value", None) for k in node.keywords
-                    }
-                    modes = [a.value for a in node.args if isinstance(a, ast.Constant)]
-                    text = name == "read_text" or (
-                        "encoding" in keys and "w" not in modes
-                    )
-                    if text and keys.get("encoding") != "utf-8-sig":
-                        with_mark.append(f"{file.name}:{node.lineno}")
-    assert with_mark == []

@@ -107,23 +107,3 @@ def test_the_extra_all_has_every_library_that_pip_can_install(
     others = {"all", "dev", "docs", "petsc", "jax", "torch"}
     rest = [installed_by[extra] for extra in installed_by if extra not in others]
     assert installed_by["all"] == set().union(*rest)
-
-
-def test_named_extras_install_the_missing_library(
-    installed_by: dict[str, set[str]], repository: Path
-) -> None:
-    named = set()
-    # `missing`, `library` and separate messages name an extra; the library is named in the
-    # same sentence or in the one before.
-    call = re.compile(r"\"(\w+)\",\s*(?:extra=)?\"(\w+)\"")
-    for file in (repository / "python").rglob("*.py"):
-        text = file.read_text("utf-8")
-        named |= set(re.findall(r"bipot-rs\[(\w+)\]", text))
-        named |= set(re.findall(r"library\(\"\w+\", extra=\"(\w+)\"", text))
-        for library, extra in call.findall(text):
-            if library in OPTIONAL and extra in installed_by:
-                wished = {"skfem": "scikit-fem"}.get(library, library)
-                assert wished in installed_by[extra], (file.name, library, extra)
-    assert {"fem", "viz"} <= named <= set(installed_by)
-    assert "meshio" in installed_by["fem"]
-    assert {"pydantic", "argcomplete", "matplotlib", "h5py"} <= installed_by["cli"]

@@ -4,14 +4,12 @@ import re
 from pathlib import Path
 
 import compare_tractions
-import iterative_file
 import numpy as np
 import pytest
 import tables
 import tuning
 import whole_job
 from peers import commands
-from scipy import sparse
 
 
 def test_fitted_constants_are_found_and_changed() -> None:
@@ -90,26 +88,3 @@ def test_statuses_on_a_border_are_not_compared() -> None:
     status, clear = compare_tractions.statuses(R, v, mu)
     assert status[0, 1:].tolist() == [1, 2, 0, 1]
     assert clear[0].tolist() == [False, True, True, True, True]
-
-
-def test_the_slabs_of_petsc_are_the_system_of_bipot_rs(tmp_path: Path) -> None:
-    """The rows of two ranks together, for displacements of the last load step."""
-    case, load = iterative_file.assembled((2, 3, 2))
-    path, model = tmp_path / "slabs.npz", case.model
-    dofs = iterative_file.write_slabs(path, case, load, 2)
-    u = np.random.default_rng(1).standard_normal(model.n)
-    u[model.fixed] = case.prescribed[-1]
-    imbalance, v = [], []
-    with np.load(path) as slabs:
-        for rank in range(2):
-            names = ("data", "indices", "indptr", "forces", "contacts")
-            *csr, forces, contacts = (slabs[f"{name}.{rank}"] for name in names)
-            K = sparse.csr_array(tuple(csr), shape=(forces.shape[1], len(dofs)))
-            first = sum(map(len, imbalance))
-            imbalance.append(K @ u[dofs] - forces[-1])
-            v.append(u[dofs][first + contacts[:, None] + np.arange(3)])
-    expected = (model.K @ u)[dofs]
-    # Sums of some 80 terms in another order.
-    tolerance = 1e-13 * abs(model.K).sum(axis=1).max()
-    np.testing.assert_allclose(np.concatenate(imbalance), expected, atol=tolerance)
-    np.testing.assert_array_equal(np.concatenate(v).ravel(), model.B @ u)

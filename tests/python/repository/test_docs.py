@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import skfem
-from skfem.models.elasticity import linear_elasticity
 
 import bipot_rs as bp
 from bipot_rs import fem
@@ -176,42 +174,6 @@ def test_readme_examples_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert model[1, :, 1].sum() < 0 < model[:, :, 0].sum()
 
 
-def test_a_stiffness_of_kronecker_products_is_right(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its stiffness is scikit-fem's, and its solution satisfies statics and the law."""
-    monkeypatch.chdir(tmp_path)
-    space = run(ROOT / "docs" / "tutorials" / "own-stiffness.md")
-    n, K, result = space["n"], space["K"], space["result"]
-    mesh = skfem.MeshQuad.init_tensor(*2 * [np.linspace(0, 1, n + 1)])
-    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad1()), intorder=2)
-    reference = linear_elasticity(space["lam"], space["G"]).assemble(basis)
-    # Its numbering: all u_x row by row from the base up, then all u_y.
-    column, row = np.rint(mesh.p * n).astype(int)
-    node = row * (n + 1) + column
-    ours = np.empty(reference.shape[0], dtype=int)
-    ours[basis.nodal_dofs] = [node, node + node.size]
-    # Sums of few terms of the size of the largest: a few units of rounding.
-    assert abs(K.tocsr()[ours][:, ours] - reference).max() <= 1e-14 * abs(K).max()
-
-    assert result.success
-    u, r = result.displacement[1], result.reaction[1].ravel()
-    out_of_balance = K @ u - space["B"].T @ r
-    out_of_balance[space["top"]] = 0.0  # the support's reactions
-    # A backward stable solve leaves a few ε n of the largest stiffness times u.
-    size = abs(K).max() * np.abs(u).max()
-    assert np.abs(out_of_balance).max() <= 1e-12 * size
-    v = result.relative_displacement[1].ravel()
-    assert np.abs(space["B"] @ u - v).max() <= 1e-12 * np.abs(u).max()
-
-    force = result.reaction.sum(axis=1)
-    # The first step is symmetric; in the second it is pulled to +x and held back to -x.
-    assert force[0, 0] > 0
-    assert abs(force[0, 1]) <= 1e-9 * force[0, 0]  # tol = 1e-10 a node, 41 nodes
-    assert -0.3 * force[1, 0] < force[1, 1] < 0
-    assert {int(s) for s in result.status[1]} == {bp.Status.SLIP, bp.Status.STICK}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["inclined_crack", "depleting_reservoir"])
 def test_programs_print_what_a_page_shows(
@@ -243,30 +205,6 @@ def test_excerpts_of_examples_are_verbatim() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_links_resolve(page: Path) -> None:
     assert broken_links(page) == []
-
-
-TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)
-
-
-def in_toctrees(docs: Path) -> list[str]:
-    """Every page in the lists of a page, as a path below the folder without suffix."""
-    listed = []
-    for page in sorted(docs.rglob("*.md")):
-        for tree in TOCTREE.findall(page.read_text(encoding="utf-8")):
-            lines = [line for line in tree.split("\n") if line and line[0] != ":"]
-            # `Title <name>`, or the name alone.
-            names = [re.sub(r".*<(.*)>", r"\1", line.strip()) for line in lines]
-            paths = [(page.parent / name).relative_to(docs) for name in names]
-            listed += [path.as_posix() for path in paths]
-    return listed
-
-
-def test_every_page_is_in_one_toctree() -> None:
-    pages = [
-        p.relative_to(ROOT / "docs").with_suffix("").as_posix()
-        for p in (ROOT / "docs").rglob("*.md")
-    ]
-    assert sorted([*in_toctrees(ROOT / "docs"), "index"]) == sorted(pages)
 
 
 def test_every_key_of_a_scene_is_on_its_page() -> None:

@@ -70,19 +70,6 @@ def test_loads_only_what_it_uses(
     assert "scipy.spatial" not in modules
 
 
-@pytest.mark.slow
-def test_modules_are_attributes_of_the_package(tmp_path: Path) -> None:
-    for name, module in (
-        *((name, name) for name in ("fem", "obstacle", "scene", "theory")),
-        ("model", "scene.builder"),
-        ("paraview", "fem.paraview"),
-    ):
-        code = (
-            f"import bipot_rs; assert bipot_rs.{name}.__name__ == 'bipot_rs.{module}'"
-        )
-        loaded(code, tmp_path)
-
-
 # The least that a program with sparse matrices imports.
 LEAST = "import numpy, scipy.sparse"
 

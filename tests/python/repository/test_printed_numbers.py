@@ -256,17 +256,3 @@ def agree(shown: Points, fresh: Points) -> None:
 def test_the_curves_of_the_bound() -> None:
     figure = script("figures_bound")
     agree(script("curves").read(figure.NUMBERS), figure.points())
-
-
-@pytest.mark.parametrize(("name", "n"), [("sheared_cube", 6), ("cattaneo_mindlin", 10)])
-@pytest.mark.slow
-def test_the_curves_of_the_stop_rule(name: str, n: int) -> None:
-    figure = script("figures_stop_rule")
-    shown = script("curves").read(figure.NUMBERS)
-    chosen = [
-        point
-        for point in shown
-        if point.panel == f"{name}, n = {n}, P1"
-        and point.curve.partition(",")[0] in figure.METHODS
-    ]
-    agree(chosen, figure.curves(name, n, figure.METHODS))

@@ -4,13 +4,10 @@ import importlib
 import re
 from typing import Any
 
-import bipot_rs as bp
 from support.places import ROOT
 
 PAGE = ROOT / "docs" / "paper" / "1-reading.md"
 LAST = 87  # the number of the last equation of the paper
-METHODS = re.compile(r'`method="(\w+)"`')
-CITED = re.compile(r"\[dSF91, ([0-9][0-9a-z,–\- ]*)\]")
 
 
 def rows() -> list[list[str]]:
@@ -56,37 +53,7 @@ def test_every_equation_of_the_paper_is_in_one_row() -> None:
     assert sorted(equations) == list(range(1, LAST + 1))
 
 
-def test_every_equation_that_the_code_cites_has_a_function() -> None:
-    sources = [
-        *(ROOT / "python").rglob("*.py"),
-        *(ROOT / "src").rglob("*.rs"),
-    ]
-    cited: set[int] = set()
-    for source in sources:
-        for match in CITED.finditer(source.read_text("utf-8")):
-            cited.update(numbers(match[1]))
-    assert len(cited) > 30
-    without = {n for row in rows() if "`" not in row[2] for n in numbers(row[0])}
-    assert cited & without == set()
-
-
 def test_functions_of_the_table_exist() -> None:
     for row in rows():
         for name in re.findall(r"`([\w.]+)`", row[2]):
             assert callable(named(name)) or isinstance(named(name), property), name
-
-
-def test_functions_of_the_table_of_signs_exist() -> None:
-    section = PAGE.read_text("utf-8").partition("## Signs")[2].partition("```")[0]
-    names = re.findall(r"`((?:bp|theory)\.[\w.]+)", section)
-    assert len(names) >= 4
-    for name in names:
-        assert callable(named(name)), name
-
-
-def test_methods_of_the_table_solve() -> None:
-    names = METHODS.findall(PAGE.read_text("utf-8"))
-    assert len(names) >= 7
-    problem = bp.ReducedProblem([[1.0, 0.0], [0.0, 1.0]], [[-1.0, 0.1]], 0.5)
-    for method in names:
-        assert problem.solve(method).converged, method

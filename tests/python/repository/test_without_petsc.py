@@ -6,22 +6,10 @@ from typing import Any
 import pytest
 
 from bipot_rs.scene import assemble, bodies, read
-from support.programs import child, child_without
+from support.programs import child_without
 
 PETSC = ("petsc4py", "mpi4py")
 MAIN = "from bipot_rs.__main__ import main; sys.exit(main())"
-
-
-@pytest.mark.slow
-def test_the_ordinary_package_never_imports_petsc(tmp_path: Path) -> None:
-    code = (
-        "import sys, bipot_rs.cli.run.job, bipot_rs.petsc\n"
-        "[getattr(bipot_rs, name) for name in dir(bipot_rs)]\n"
-        "names = {name.partition('.')[0] for name in sys.modules}\n"
-        f"assert not names & set({PETSC})\n"
-    )
-    assert child(code, cwd=tmp_path).returncode == 0
-    assert child_without(PETSC, MAIN, *RUN, cwd=tmp_path).returncode == 0
 
 
 RUN = ("run", "sheared_cube", "--set", "mesh.n=2", "--out", "here")
