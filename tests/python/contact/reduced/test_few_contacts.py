@@ -1,8 +1,6 @@
 """Problems of a few contacts are solved on the calling thread: same bits, no thread."""
 
-import os
-import subprocess
-import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,31 +35,24 @@ def test_the_bits_are_those_of_a_worker(contacts: int, d: int) -> None:
         assert (here.outcome, here.work) == (worker.outcome, worker.work)
 
 
-THREADS = """
-import os, numpy as np, bipot_rs as bp
-def make(n):
-    return bp.ReducedProblem(np.eye(3 * n), -np.ones((n, 3)), 0.3)
-make(1)
-before = len(os.listdir("/proc/self/task"))
-few = make(100)
-few.residual(few.solve().reaction)
-few.solve().unique
-after = len(os.listdir("/proc/self/task"))
-make(101).solve()
-print(after - before, len(os.listdir("/proc/self/task")) - before)
-"""
+def test_a_hundred_contacts_wake_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BIPOT_NUM_THREADS", "2")
 
+    def threads() -> int:
+        return len(list(Path("/proc/self/task").iterdir()))
 
-@pytest.mark.skipif(sys.platform != "linux", reason="threads are listed in /proc")
-def test_a_hundred_contacts_wake_no_thread() -> None:
-    run = subprocess.run(
-        [sys.executable, "-c", THREADS],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"BIPOT_NUM_THREADS": "2"},
-    )
-    assert run.stdout.split() == ["0", "2"]
+    def make(n: int) -> bp.ReducedProblem:
+        return bp.ReducedProblem(np.eye(3 * n), -np.ones((n, 3)), 0.3)
+
+    def child() -> None:
+        before, few = threads(), make(100)
+        few.residual(few.solve().reaction)
+        assert few.solve().unique
+        assert threads() == before
+        make(101).solve()
+        assert threads() == before + 2
+
+    assert forked(child).returncode == 0
 
 
 def test_a_forked_child_solves_few_contacts_after_many() -> None:

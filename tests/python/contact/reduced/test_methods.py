@@ -1,13 +1,16 @@
 """All methods on one problem, and callbacks and interrupts during a solve."""
 
-import subprocess
-import sys
+import os
+import signal
+import threading
+import time
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import bipot_rs as bp
+from support.children import forked
 from support.methods import METHODS
 from support.pressed import cube
 
@@ -92,35 +95,13 @@ def test_an_exception_of_the_callback_ends_the_solve() -> None:
         problem.solve(callback=3)  # type: ignore[arg-type]
 
 
-INTERRUPTED = """
-import os, signal, threading, time
-import numpy as np
-import bipot_rs as bp
-
-def pressed(n, pull):
+def lattice(n: int, pull: float) -> bp.ReducedProblem:
+    """Contacts on n × n places that press, and are pulled more and more along a side."""
     x = np.stack(np.meshgrid(np.arange(n), np.arange(n)), -1).reshape(-1, 2)
     near = 1 / np.sqrt(((x[:, None] - x) ** 2).sum(-1) + 1.0)
-    W = np.kron(near, np.eye(3)) + np.eye(3 * n * n) / 2
     q = np.zeros((n * n, 3))
     q[:, 0], q[:, 1] = -1, pull * np.linspace(0, 1, n * n)
-    return bp.ReducedProblem(W, q, 0.5)
-
-def fire():
-    sent.append(time.perf_counter())
-    os.kill(os.getpid(), signal.SIGINT)
-
-problem, method = pressed({n}, {pull}), {method!r}
-beside, late = problem.solve(method, 1e-12).stats["bytes_beside_W"], []
-for delay in (0.05, 0.4):
-    sent = []
-    threading.Timer(delay, fire).start()
-    try:
-        while True:
-            problem.solve(method, 1e-12)
-    except KeyboardInterrupt:
-        late.append(time.perf_counter() - sent[0])
-print(beside, max(late))
-"""
+    return bp.ReducedProblem(np.kron(near, np.eye(3)) + np.eye(3 * n * n) / 2, q, 0.5)
 
 
 # Of order 2028 with nearly all contacts sticking, where W is inverted; and of order 3072,
@@ -133,20 +114,29 @@ print(beside, max(late))
 def test_ctrl_c_ends_a_large_solve(
     n: int, pull: float, method: str, inverse: int
 ) -> None:
-    program = INTERRUPTED.format(n=n, pull=pull, method=method)
-    ended = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        timeout=200,
-        check=False,
-    )
-    assert ended.returncode == 0, ended.stderr
-    count, latest = ended.stdout.split()
-    assert int(count) == inverse
-    # Signals are checked every 0.05 s, and work stops within one block of a factorisation
-    # or product. A machine with other jobs may need another second.
-    assert float(latest) < 1.5
+    problem = lattice(n, pull)
+
+    def repeat() -> None:
+        while True:
+            problem.solve(method, 1e-12)
+
+    def child() -> None:
+        assert problem.solve(method, 1e-12).stats["bytes_beside_W"] == inverse
+        for delay in (0.05, 0.4):
+            sent: list[float] = []
+
+            def fire(sent: list[float] = sent) -> None:
+                sent.append(time.perf_counter())
+                os.kill(os.getpid(), signal.SIGINT)
+
+            threading.Timer(delay, fire).start()
+            with pytest.raises(KeyboardInterrupt):
+                repeat()
+            # Signals are checked every 0.05 s, and work stops within one block of a
+            # factorisation or product. A machine with other jobs may need another second.
+            assert time.perf_counter() - sent[0] < 1.5
+
+    assert forked(child, seconds=200).returncode == 0
 
 
 def test_compliance_is_read_where_it_is() -> None:

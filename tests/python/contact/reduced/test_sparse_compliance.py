@@ -2,55 +2,49 @@
 
 import resource
 
+import grains
 import numpy as np
 import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from support.disks import wall
 
 TOL = 1e-10
 
 
-def reduced(n: int) -> tuple[bp.ReducedProblem, bp.ReducedProblem]:
-    """The wall with a sparse and with a dense W."""
-    M, B, load = wall(n)
-    inverse = sparse.diags_array(1 / M.diagonal())
-    W, q = (B @ inverse @ B.T).tocsr(), (B @ (inverse @ load)).reshape(-1, 2)
-    return bp.ReducedProblem(W, q, 0.4), bp.ReducedProblem(W.toarray(), q, 0.4)
+WALL = grains.wall("", 9, np.random.default_rng(0), staggered=False, mu=0.4)
+W, Q = WALL.step()
+THIN = bp.ReducedProblem(W, Q, 0.4)
 
 
 def test_the_residual_of_the_dense_problem_is_the_same() -> None:
-    thin, thick = reduced(9)
-    assert thin.W.shape[0] > 3 * 81, "reactions are to be undetermined"
-    solution = thin.solve(tol=TOL)
+    assert W.shape[0] > len(WALL.mass), "reactions are to be undetermined"
+    solution = THIN.solve(tol=TOL)
     assert solution.converged
+    thick = bp.ReducedProblem(W.toarray(), Q, 0.4)
     # Two sums of the same products in another order.
     assert thick.residual(solution.reaction) <= 1.01 * TOL
     assert solution.stats["bytes_beside_W"] == 0
 
 
 def test_bodies_with_few_contacts_each_condense_to_a_sparse_compliance() -> None:
-    M, B, load = wall(9)
-    contacts = B.shape[0] // 2
-    problem = bp.ContactProblem(M, B, gap=np.zeros(contacts), mu=0.4)
-    expected = (B @ sparse.diags_array(1 / M.diagonal()) @ B.T).toarray()
+    M, B = sparse.diags_array(WALL.mass).tocsr(), WALL.B
+    problem = bp.ContactProblem(M, B, gap=np.zeros(len(Q)), mu=0.4)
+    expected = W.toarray()
     # Sums of four products of numbers of order one.
     np.testing.assert_allclose(problem.compliance, expected, rtol=0, atol=1e-14)
     assert problem.stats["bytes_compliance"] < expected.nbytes / 6
+    load = WALL.load
     result = problem.solve(load, tol=TOL)
-    thin, _ = reduced(9)
-    assert thin.residual(result.reaction[0]) <= 1.01 * TOL
+    assert THIN.residual(result.reaction[0]) <= 1.01 * TOL
     left = M @ result.displacement[0] - load - B.T @ result.reaction[0].ravel()
     np.testing.assert_allclose(left, 0, atol=1e-12 * np.abs(load).max())
 
 
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel", "nesterov"])
 def test_same_bits_for_any_number_of_threads(method: str) -> None:
-    problem, _ = reduced(9)
     on_one_thread, two = (
-        problem.solve(method, tol=1e-6, num_threads=n, max_iterations=300)
-        for n in (1, 2)
+        THIN.solve(method, tol=1e-6, num_threads=n, max_iterations=300) for n in (1, 2)
     )
     assert np.array_equal(on_one_thread.reaction, two.reaction)
     assert on_one_thread.work == two.work
