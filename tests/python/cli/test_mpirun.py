@@ -3,12 +3,11 @@
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import meshio
@@ -17,11 +16,12 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs.cli.run.output_folder import RESULT, UNFINISHED
-from support import many_ranks
+from support import children, many_ranks
 from support.children import strays
-from support.many_ranks import Run, bipot
+from support.many_ranks import Run, bipot, bipot_with
 from support.runs import FILES
 
+pytestmark = pytest.mark.xdist_group("ranks")
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
 CLOSE = 1e-10
 # A run must end so many seconds after a rank has failed. Starting Python is part of it.
@@ -44,19 +44,14 @@ Step.make_whole = at
 """
 
 
-def alone(*arguments: str, cwd: Path) -> None:
-    """`bipot` without `mpirun`: a program of its own, which shares no thread with the tests."""
-    command = [sys.executable, "-m", "bipot_rs", *arguments]
-    subprocess.run(command, cwd=cwd, capture_output=True, timeout=120, check=True)
-
-
 def both(ranks: int, *run: str, cwd: Path) -> tuple[bp.Result, bp.Result]:
     """The results of the direct engine, in ``one``, and of ranks, in ``here``."""
     run = ("run", *run, "--tol", "1e-12", "--json")
     # First, because it is skipped without PETSc.
     done = bipot(ranks, *run, *PETSC, cwd=cwd)
     assert done.status == 0, done.output + done.errors
-    alone(*run, "--engine", "direct", "--out", "one", cwd=cwd)
+    alone = children.bipot(*run, "--engine", "direct", "--out", "one", cwd=cwd)
+    assert alone.returncode == 0, alone.stderr
     single, several = (bp.load(cwd / name / RESULT) for name in ("one", "here"))
     assert np.array_equal(several.status, single.status)
     return single, several
@@ -197,7 +192,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.quick_variants("moving obstacle")
+@pytest.mark.quick_variants("moving obstacle", "bolts")
 def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> None:
     single, several = both(3, scene(tmp_path, SCENES[name]), cwd=tmp_path)
     arrays = ["displacement", "relative_displacement", "reaction"]
@@ -231,33 +226,20 @@ def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> No
     ],
     ids=["two blocks", "mortar", "plane", "rigid set"],
 )
-@pytest.mark.quick_variants("mortar")
+@pytest.mark.quick_variants("mortar", "rigid set")
 def test_shipped_scenes(run: tuple[str, ...], tmp_path: Path) -> None:
     single, several = both(2, *run, cwd=tmp_path)
     assert changed(several.reaction, single.reaction) <= CLOSE
 
 
-def test_a_small_scene_is_factored_on_the_first_rank(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = ("run", "two_blocks", "--set", "mesh.n=4", "--tol", "1e-12", "--json")
-    products, names = [], []
-    for options in ("-bipot_pc_type gamg", ""):
-        monkeypatch.setenv("PETSC_OPTIONS", options)
-        done = bipot(2, *run, *PETSC, cwd=tmp_path)
-        assert done.status == 0, done.output + done.errors
-        result = bp.load(tmp_path / "here" / RESULT)
-        products.append(sum(step.stats["krylov"] for step in result))
-        with h5py.File(tmp_path / "here" / RESULT) as file:
-            names.append(file.attrs["preconditioner"])
-    assert names == ["gamg", "factor on the first rank"]
-    # Only the unsymmetric part of the springs of slipping contacts is not in the factor.
-    assert products[1] < 0.6 * products[0]
+def preconditioner(folder: Path) -> str:
+    with h5py.File(folder / "here" / RESULT) as file:
+        return str(file.attrs["preconditioner"])
 
 
 def test_files_of_a_run(tmp_path: Path) -> None:
-    run = ("run", "two_blocks", "--set", "mesh.n=4")
-    done = bipot(2, *run, *PETSC, "--plot", cwd=tmp_path)
+    run = ("run", "two_blocks", "--set", "mesh.n=4", *PETSC)
+    done = bipot(2, *run, "--plot", cwd=tmp_path)
     assert done.status == 0, done.errors
     here = tmp_path / "here"
     steps = {f"result_{k:04d}_{r:04d}.vtu" for k in range(2) for r in range(2)}
@@ -270,6 +252,10 @@ def test_files_of_a_run(tmp_path: Path) -> None:
     assert done.errors.count("load step 2 of 2") == 1
     assert "2 ranks" in done.errors
     assert len((here / "steps.csv").read_text().splitlines()) == 3
+    assert preconditioner(tmp_path) == "gamg"
+    # Without options of the user this scene is small enough for one rank.
+    assert bipot(2, *run, cwd=tmp_path, options="").status == 0
+    assert preconditioner(tmp_path) == "factor on the first rank"
 
 
 @pytest.mark.slow
@@ -337,12 +323,13 @@ def compare(whole: meshio.Mesh, piece: meshio.Mesh) -> None:
             assert min(np.abs(value - e).max() for e in same) <= 1e-8 * scale, name
 
 
-@pytest.mark.parametrize("ranks", [0, 1])
-def test_one_rank(ranks: int, tmp_path: Path) -> None:
-    """Without mpirun too; the files are then those of any other run."""
-    done = bipot(
-        ranks, "run", "sheared_cube", "--set", "mesh.n=3", *PETSC, cwd=tmp_path
-    )
+@pytest.mark.parametrize(
+    "run", [many_ranks.bipot_with, many_ranks.bipot], ids=["no mpirun", "mpirun"]
+)
+def test_one_rank(run: Any, tmp_path: Path) -> None:
+    """The files are those of any other run."""
+    ranks = int(run is bipot)
+    done = run(ranks, "run", "sheared_cube", "--set", "mesh.n=3", *PETSC, cwd=tmp_path)
     assert done.status == 0, done.errors
     assert (tmp_path / "here" / "result_0001.vtu").exists()
     assert len(bp.load(tmp_path / "here" / RESULT)) == 2
@@ -363,12 +350,13 @@ def test_the_engine_of_a_scene(tmp_path: Path) -> None:
 KILL = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
 
 
-def ends_whole(folder: Path, *run: str) -> None:
+def ends_whole(folder: Path, ranks: int, *run: str) -> Run:
     """The run continues to its last load step, and leaves no draft."""
-    done = bipot(2, *run, "--resume", cwd=folder)
+    done = bipot(ranks, *run, "--resume", cwd=folder)
     assert done.status == 0, done.errors
     assert len(bp.load(folder / "here" / RESULT)) == 6
     assert strays(folder / "here") == []
+    return done
 
 
 def three(path: Path, at: int) -> None:
@@ -403,7 +391,6 @@ def soon(done: Run, status: int, *words: str) -> None:
         (("sheared_cube", "--set", "solver.max_iterations=1", *PETSC), 3, ""),
     ],
 )
-@pytest.mark.quick_variants("*-nothing")
 def test_errors_of_all_ranks(
     arguments: tuple[str, ...], status: int, words: str, tmp_path: Path
 ) -> None:
@@ -424,26 +411,23 @@ FORCED = CUBES + SHEARED + MOVING.replace("move =", "force =")
 FREE = SCENES["block"] + "[body.other]" + CUBES.split("[body.block]")[1]
 
 
+REMEDY = "use engine='direct' or 'iterative'"
+
+
 @pytest.mark.parametrize(
     ("text", "status", "words"),
     [
-        (FREE, 1, "body 'other' can move freely"),
-        (ROLLS, 2, "an obstacle turns, or is curved and moves"),
-        (ROLLS, 2, "use engine='direct' or 'iterative'"),
-        (
-            FORCED,
-            2,
-            "does not support obstacle.table.force: use engine='direct' or 'iterative'",
-        ),
+        (FREE, 1, ("body 'other' can move freely",)),
+        (ROLLS, 2, ("an obstacle turns, or is curved and moves", REMEDY)),
+        (FORCED, 2, (f"does not support obstacle.table.force: {REMEDY}",)),
     ],
-    ids=["free", "frames", "remedy", "loaded obstacle"],
+    ids=["free", "frames", "loaded obstacle"],
 )
-@pytest.mark.slow_variants("remedy")
 def test_scenes_that_are_refused(
-    text: str, status: int, words: str, tmp_path: Path
+    text: str, status: int, words: tuple[str, ...], tmp_path: Path
 ) -> None:
     done = bipot(2, "run", scene(tmp_path, text), *PETSC, cwd=tmp_path)
-    soon(done, status, words)
+    soon(done, status, *words)
 
 
 MESH = """
@@ -457,7 +441,7 @@ it.read_mesh = other
 
 def test_a_rank_without_its_mesh(repository: Path, tmp_path: Path) -> None:
     file = str(repository / "examples" / "scenes" / "gmsh_two_bodies.toml")
-    done = bipot(2, "run", file, *PETSC, cwd=tmp_path, fault=MESH)
+    done = bipot_with(2, "run", file, *PETSC, cwd=tmp_path, fault=MESH)
     soon(done, 2, "rank 1 of 2", "absent.msh")
     assert not (tmp_path / "here" / RESULT).exists()
 
@@ -468,7 +452,7 @@ def test_a_rank_with_another_file(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     scene(tmp_path / "other", SCENES["tetrahedra"])
     run = ("run", scene(tmp_path, SCENES["block"]), *PETSC)
-    done = bipot(2, *run, cwd=tmp_path, fault="import os; os.chdir('other')")
+    done = bipot_with(2, *run, cwd=tmp_path, fault="import os; os.chdir('other')")
     soon(done, 2, "rank 1 of 2", "another scene")
 
 
@@ -502,7 +486,7 @@ def test_a_full_disk_on_one_rank(
     place: str, rank: int, steps: int, tmp_path: Path
 ) -> None:
     """The load steps are those of the last checkpoint, which is whole."""
-    done = bipot(2, *LONG, cwd=tmp_path, fault=FULL + place, at=rank)
+    done = bipot_with(2, *LONG, cwd=tmp_path, fault=FULL + place, at=rank)
     soon(done, 2, f"rank {rank} of 2", "cannot write", os.strerror(27))
     loaded = bp.load(tmp_path / "here" / RESULT)
     assert len(loaded) == steps
@@ -515,20 +499,32 @@ def test_a_full_disk_on_one_rank(
 @pytest.mark.parametrize("rank", [0, 1])
 @pytest.mark.slow_variants("0")
 def test_a_killed_rank(rank: int, tmp_path: Path) -> None:
-    """The launcher ends the others, and names the rank; complete steps are kept."""
-    done = bipot(2, *LONG, cwd=tmp_path, fault=KILL, at=rank)
+    """The launcher ends the others, and names the rank; the run goes on to the same result."""
+    run = (*LONG, "--tol", "1e-12")
+    done = bipot_with(2, *run, cwd=tmp_path, fault=KILL, at=rank)
     assert done.status != 0
     assert done.seconds <= SOON
     assert "signal 9" in done.errors
     three(tmp_path / "here" / RESULT, rank)
-    ends_whole(tmp_path, *LONG)
+    # Another number of ranks continues it.
+    resumed = ends_whole(tmp_path, 3, *run)
+    assert re.search("continuing after [34] load steps", resumed.errors)
+    assert (tmp_path / "here" / "result_0005.pvtu").exists()
+    ended = bipot(2, *run, "--resume", "--json", cwd=tmp_path)
+    assert ended.status == 0
+    assert "already complete" in ended.lines[-1]["message"]
+    assert bipot(2, *run[:-3], "there", *run[-2:], cwd=tmp_path).status == 0
+    loaded, whole = (bp.load(tmp_path / name / RESULT) for name in ("here", "there"))
+    assert np.array_equal(loaded.status, whole.status)
+    assert changed(loaded.reaction, whole.reaction) <= CLOSE
+    assert changed(loaded.displacement, whole.displacement) <= CLOSE
 
 
 @pytest.mark.parametrize("rank", [0, 1])
-@pytest.mark.slow_variants("0")
+@pytest.mark.slow
 def test_an_error_of_one_rank_in_a_collective_phase(rank: int, tmp_path: Path) -> None:
     fault = AT_STEP.format(step=3, what="raise MemoryError('no memory here')")
-    done = bipot(2, *LONG, "--json", cwd=tmp_path, fault=fault, at=rank)
+    done = bipot_with(2, *LONG, "--json", cwd=tmp_path, fault=fault, at=rank)
     soon(done, 2)
     message = done.lines[-1]["message"]
     assert message.startswith(f"rank {rank} of 2: no memory here")
@@ -556,7 +552,7 @@ def test_an_error_of_one_rank_while_others_wait_in_petsc(
     rank: int, tmp_path: Path
 ) -> None:
     """They would wait for ever: after some seconds the rank that fails ends them."""
-    done = bipot(2, *LONG, "--json", cwd=tmp_path, fault=IN_PETSC, at=rank)
+    done = bipot_with(2, *LONG, "--json", cwd=tmp_path, fault=IN_PETSC, at=rank)
     soon(done, 2)
     *steps, last = done.lines
     assert last["message"].startswith(f"rank {rank} of 2: no memory here")
@@ -571,7 +567,7 @@ def test_an_error_of_one_rank_while_others_wait_in_petsc(
 @pytest.mark.slow
 def test_a_fault_of_one_rank_is_reported(tmp_path: Path) -> None:
     fault = AT_STEP.format(step=3, what="raise RuntimeError('strange')")
-    done = bipot(2, *LONG, cwd=tmp_path, fault=fault)
+    done = bipot_with(2, *LONG, cwd=tmp_path, fault=fault)
     soon(done, 70, "rank 1 of 2", "internal error", "strange")
 
 
@@ -592,7 +588,7 @@ def test_a_signal_to_mpirun(number: signal.Signals, tmp_path: Path) -> None:
     assert done.status != 0
     assert done.seconds <= SOON
     three(result, 1)
-    ends_whole(tmp_path, *LONG)
+    ends_whole(tmp_path, 2, *LONG)
 
 
 @pytest.mark.slow
@@ -600,38 +596,21 @@ def test_a_signal_to_one_rank(tmp_path: Path) -> None:
     """As a scheduler that sends it to the ranks itself: the run ends as interrupted."""
     fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGTERM)")
     for rank in (0, 1):
-        done = bipot(2, *LONG, cwd=tmp_path, fault=fault, at=rank)
+        done = bipot_with(2, *LONG, cwd=tmp_path, fault=fault, at=rank)
         soon(done, 143, "interrupted")
         three(tmp_path / "here" / RESULT, rank)
-
-
-def test_resume_gives_the_result_of_one_run(tmp_path: Path) -> None:
-    assert bipot(2, *LONG, "--tol", "1e-12", cwd=tmp_path).status == 0
-    other = (*LONG[:-1], "there", "--tol", "1e-12")
-    assert bipot(2, *other, cwd=tmp_path, fault=KILL).status != 0
-    # Another number of ranks continues it.
-    done = bipot(3, *other, "--resume", cwd=tmp_path)
-    assert done.status == 0, done.errors
-    assert re.search("continuing after [34] load steps", done.errors)
-    whole, loaded = (bp.load(tmp_path / name / RESULT) for name in ("here", "there"))
-    assert np.array_equal(loaded.status, whole.status)
-    assert changed(loaded.reaction, whole.reaction) <= CLOSE
-    assert changed(loaded.displacement, whole.displacement) <= CLOSE
-    assert (tmp_path / "there" / "result_0005.pvtu").exists()
-    ended = bipot(2, *other, "--resume", "--json", cwd=tmp_path)
-    assert ended.status == 0
-    assert "already complete" in ended.lines[-1]["message"]
 
 
 @pytest.mark.slow
 def test_a_result_of_another_run_stays_until_the_end(tmp_path: Path) -> None:
     here = tmp_path / "here"
-    alone("run", "sheared_cube", "--set", "mesh.n=2", "--out", "here", cwd=tmp_path)
+    run = ("run", "sheared_cube", "--set", "mesh.n=2", "--out", "here")
+    assert children.bipot(*run, cwd=tmp_path).returncode == 0
     before = (here / RESULT).read_bytes()
-    assert bipot(2, *LONG, cwd=tmp_path, fault=KILL).status != 0
+    assert bipot_with(2, *LONG, cwd=tmp_path, fault=KILL).status != 0
     assert (here / RESULT).read_bytes() == before
     three(here / UNFINISHED, 1)
-    ends_whole(tmp_path, *LONG)
+    ends_whole(tmp_path, 2, *LONG)
     assert not (here / UNFINISHED).exists()
     # The files of one process, with which the folder began, are gone.
     names = [path.name for path in here.iterdir()]

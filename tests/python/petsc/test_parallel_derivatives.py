@@ -1,6 +1,5 @@
 """Derivatives of the load paths of a distributed stiffness: those of the direct engine."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from support import mpi, two_blocks
 from support.body_models import floating, on_springs
 from support.pressed_in_space import arrays, pressed
 
+pytestmark = pytest.mark.xdist_group("ranks")
 # Linear systems are solved to 1e-11, which the condition of the contacts multiplies.
 CLOSE = 1e-8
 
@@ -68,51 +68,47 @@ def compare(found: dict[str, Any], result: bp.Result, given: dict[str, Any]) -> 
     assert abs(forward - backward) <= CLOSE * abs(forward)
 
 
-def both(folder: Path, ranks: int, known: dict[str, Any], **path: Any) -> None:
+def in_space(law: float = 0.0) -> tuple[dict[str, Any], dict[str, Any]]:
+    known, prescribed = arrays(5)
+    if law:
+        contacts = len(known["gap"])
+        known["cohesion"] = np.full(contacts, law)
+        known["dilatancy"] = np.full(contacts, 10 * law)
+    return known, {"prescribed": prescribed}
+
+
+def joined() -> tuple[dict[str, Any], dict[str, Any]]:
+    known, prescribed = two_blocks.arrays(10.0, 3, 4)
+    return known, {"prescribed": prescribed}
+
+
+@pytest.mark.parametrize(
+    ("case", "ranks"),
+    [
+        pytest.param(in_space, 2, id="slip in space"),
+        pytest.param(lambda: mpi.of_model(pressed(8, dim=2)), 3, id="plane"),
+        pytest.param(
+            lambda: mpi.of_model(pressed(4, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0])),
+            2,
+            id="two coefficients",
+        ),
+        pytest.param(lambda: in_space(0.01), 2, id="cohesion and dilatancy"),
+        pytest.param(lambda: mpi.of_model(floating()), 2, id="held by contact"),
+        pytest.param(lambda: mpi.of_model(on_springs()), 2, id="held by springs"),
+        pytest.param(joined, 2, id="joined by mortar"),
+    ],
+)
+@pytest.mark.quick_variants("plane", "cohesion*", "held by contact", "joined*")
+def test_derivatives_are_those_of_the_direct_engine(case: Any, ranks: int) -> None:
+    known, path = case()
     result = mpi.solve_directly(known, **path)
     given = directions(known, result, seed=ranks)
     asked = known | path | given | {"d": result.reaction.shape[2]}
-    compare(mpi.run(folder, "derivatives", ranks, **asked), result, given)
+    compare(mpi.run(ranks, "derivatives", **asked), result, given)
 
 
 @pytest.mark.slow
-def test_a_path_in_space_with_slip(tmp_path: Path) -> None:
-    known, prescribed = arrays(5)
-    both(tmp_path, 2, known, prescribed=prescribed)
-
-
-def test_a_plane_body_on_three_ranks(tmp_path: Path) -> None:
-    known, path = mpi.of_model(pressed(8, dim=2))
-    both(tmp_path, 3, known, **path)
-
-
-@pytest.mark.slow
-def test_two_friction_coefficients(tmp_path: Path) -> None:
-    known, path = mpi.of_model(pressed(4, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0]))
-    both(tmp_path, 2, known, **path)
-
-
-def test_cohesion_and_dilatancy(tmp_path: Path) -> None:
-    known, prescribed = arrays(5)
-    contacts = len(known["gap"])
-    law = {"cohesion": np.full(contacts, 0.01), "dilatancy": np.full(contacts, 0.1)}
-    both(tmp_path, 2, known | law, prescribed=prescribed)
-
-
-@pytest.mark.slow_variants("on_springs")
-@pytest.mark.parametrize("model", [floating, on_springs])
-def test_bodies_that_contact_or_springs_hold(model: Any, tmp_path: Path) -> None:
-    known, path = mpi.of_model(model())
-    both(tmp_path, 2, known, **path)
-
-
-def test_joined_bodies_by_mortar(tmp_path: Path) -> None:
-    known, prescribed = two_blocks.arrays(10.0, 3, 4)
-    both(tmp_path, 2, known, prescribed=prescribed)
-
-
-@pytest.mark.slow
-def test_contacts_that_just_touch(tmp_path: Path) -> None:
+def test_contacts_that_just_touch() -> None:
     """A block that is moved by its clearance: all contacts are on a border."""
     known, path = mpi.of_model(pressed(4, dim=2))
     pressing = path["prescribed"][:1]
@@ -128,9 +124,7 @@ def test_contacts_that_just_touch(tmp_path: Path) -> None:
         name: value if name == "dK" else np.zeros_like(value)
         for name, value in given.items()
     } | {"along_prescribed": along}
-    found = mpi.run(
-        tmp_path, "derivatives", 2, **known, prescribed=pressing, **given, d=2
-    )
+    found = mpi.run(2, "derivatives", **known, prescribed=pressing, **given, d=2)
     tangent = result.jvp(prescribed=along, K=given["dK"])
     assert found["one_sided"].all()
     assert tangent.reaction.any()

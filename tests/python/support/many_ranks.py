@@ -2,8 +2,6 @@
 
 import functools
 import json
-import os
-import shutil
 import signal
 import subprocess
 import time
@@ -13,13 +11,10 @@ from typing import Any
 
 import pytest
 
-from support.mpi import OPEN_MPI, OWN
+from support import mpi
 
-REPOSITORY = Path(__file__).resolve().parents[3]
-# The lines that Open MPI prints otherwise in a container.
-QUIET = {"OMPI_MCA_btl_vader_single_copy_mechanism": "none"}
 # The scenes of tests are small, and would be factored on one rank.
-LARGE = {"PETSC_OPTIONS": "-bipot_pc_type gamg"}
+LARGE = "-bipot_pc_type gamg"
 # Runs code on one rank, then the command on all.
 _PROGRAM = """
 import os, sys
@@ -36,40 +31,16 @@ sys.exit(main())
 @functools.cache
 def missing() -> str:
     """Why the command cannot run under mpirun; empty if it can."""
-    if shutil.which("mpirun") is None:
-        return "mpirun is not installed: make mpi-test installs it"
-    if not Path(python()).exists():
-        return f"there is no {python()}: make mpi-test makes it"
+    if mpi.missing():
+        return mpi.missing()
+    look = "import argcomplete, h5py, meshio, pydantic, rich, skfem, tomli_w"
     done = subprocess.run(
-        [python(), "-c", "from bipot_rs.petsc.library import load; load()"],
-        env=environment(),
+        [mpi.python(), "-c", look],
+        env=mpi.environment(),
         capture_output=True,
         text=True,
     )
-    lines_of_error = done.stderr.strip().splitlines()
-    return (
-        ""
-        if done.returncode == 0
-        else f"no petsc4py: {lines_of_error[-1] if lines_of_error else ''}"
-    )
-
-
-def python() -> str:
-    """A Python with petsc4py, mpi4py and what the command needs."""
-    return os.environ.get("BIPOT_MPI_PYTHON", str(OWN))
-
-
-def environment() -> dict[str, str]:
-    environment_kept = {
-        name: value for name, value in os.environ.items() if name != "VIRTUAL_ENV"
-    }
-    return (
-        LARGE
-        | environment_kept
-        | OPEN_MPI
-        | QUIET
-        | {"PYTHONPATH": str(REPOSITORY / "python")}
-    )
+    return done.stderr and f"{mpi.python()}: {done.stderr.splitlines()[-1]}"
 
 
 @dataclass
@@ -96,9 +67,9 @@ def started(
     program = _PROGRAM.format(fault=fault, at=at)
     launcher = ["mpirun", "-n", str(count)] if count else []
     return subprocess.Popen(
-        [*launcher, python(), "-c", program, *arguments],
+        [*launcher, mpi.python(), "-c", program, *arguments],
         cwd=cwd,
-        env=environment(),
+        env=mpi.environment() | {"PETSC_OPTIONS": LARGE},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -117,6 +88,19 @@ def ended(process: subprocess.Popen[str], seconds: float = 120) -> Run:
     return Run(process.returncode, output, errors, time.monotonic() - began)
 
 
-def bipot(count: int, *arguments: str, cwd: Path, fault: str = "", at: int = 1) -> Run:
-    """Run `bipot` on some ranks; none is one process without mpirun."""
+def bipot_with(
+    count: int, *arguments: str, cwd: Path, fault: str = "", at: int = 1
+) -> Run:
+    """Run `bipot` on some ranks of its own; none is one process without mpirun."""
     return ended(started(count, *arguments, cwd=cwd, fault=fault, at=at))
+
+
+def bipot(count: int, *arguments: str, cwd: Path, options: str = LARGE) -> Run:
+    """Run `bipot` on ranks that other tests use too; ``options`` are those of PETSc."""
+    if missing():
+        pytest.skip(f"needs PETSc: {missing()}")
+    began = time.monotonic()
+    words = {"words": [*arguments], "cwd": str(cwd), "options": options}
+    told = mpi.run(count, "command", **words)
+    seconds = time.monotonic() - began
+    return Run(int(told["status"]), str(told["output"]), str(told["errors"]), seconds)

@@ -1,11 +1,14 @@
-"""Run `petsc_program.py` under mpirun, in a Python that has petsc4py."""
+"""Ranks of mpirun that do the tasks of `petsc_program.py`, in a Python that has petsc4py."""
 
+import atexit
 import functools
 import json
 import os
 import shutil
 import subprocess
 import sys
+import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +24,12 @@ TOL, CLOSE = 1e-12, 1e-10
 # Between numbers of ranks only the order of sums and the aggregates differ.
 SAME = 1e-11
 PROGRAM = Path(__file__).with_name("petsc_program.py")
-# Open MPI wants these to be root in a container, and for more ranks than cores.
+# Open MPI wants these to be root in a container, without lines about it, for more ranks than
+# cores, and for cores that others use too.
 OPEN_MPI = {
+    "OMPI_MCA_hwloc_base_binding_policy": "none",
+    "OMPI_MCA_mpi_yield_when_idle": "1",
+    "OMPI_MCA_btl_vader_single_copy_mechanism": "none",
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
@@ -70,19 +77,74 @@ def python() -> str:
 @functools.cache
 def _alone() -> Path:
     """A folder with this package and no other: that of the tests has another NumPy."""
-    import tempfile
-
     folder = Path(tempfile.mkdtemp(prefix="bipot-petsc-"))
+    atexit.register(shutil.rmtree, folder)
     (folder / "bipot_rs").symlink_to(Path(str(bp.__file__)).parent)
     return folder
 
 
 def environment() -> dict[str, str]:
-    environment_kept = {
-        name: value for name, value in os.environ.items() if name != "PYTHONPATH"
-    }
-    environment_kept.pop("VIRTUAL_ENV", None)
-    return environment_kept | OPEN_MPI | {"PYTHONPATH": str(_alone())}
+    """Without what another Python, or the user of PETSc, has set."""
+    of_others = ("PYTHONPATH", "VIRTUAL_ENV", "PETSC_OPTIONS")
+    kept = {name: value for name, value in os.environ.items() if name not in of_others}
+    return kept | OPEN_MPI | {"PYTHONPATH": str(_alone())}
+
+
+class Ranks:
+    """Ranks that do one task after another: to start them takes longer than most tasks."""
+
+    def __init__(self, count: int) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="bipot-ranks-"))
+        self.asked = 0
+        with self.output.open("w") as output:
+            self.process = subprocess.Popen(
+                [
+                    *("mpirun", "-n", str(count), python(), "-m", "mpi4py"),
+                    *(str(PROGRAM), str(self.folder), str(os.getpid())),
+                ],
+                env=environment(),
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+        atexit.register(self.stop)
+
+    @property
+    def output(self) -> Path:
+        """What the ranks print."""
+        return self.folder / "output"
+
+    def ask(self, seconds: float, **given: Any) -> dict[str, Any]:
+        """The answer of rank 0; ranks that fail or hang end, and are a failure."""
+        self.asked += 1
+        number = f"{self.asked:04d}"
+        np.savez(self.folder / "draft.npz", **given)
+        (self.folder / "draft.npz").rename(self.folder / f"{number}-given.npz")
+        answer = self.folder / f"{number}-answer.npz"
+        deadline = time.monotonic() + seconds
+        while not answer.exists():
+            ended = self.process.poll() is not None
+            if ended or time.monotonic() > deadline:
+                ranks.cache_clear()
+                output = self.output.read_text()
+                self.process.terminate()
+                self.stop()
+                raise AssertionError(f"{'' if ended else 'the ranks hang'}\n{output}")
+            time.sleep(0.002)
+        with np.load(answer, allow_pickle=False) as file:
+            return dict(file)
+
+    def stop(self) -> None:
+        """End the ranks."""
+        atexit.unregister(self.stop)
+        (self.folder / "end").touch()
+        self.process.wait(20)
+        shutil.rmtree(self.folder)
+
+
+@functools.cache
+def ranks(count: int) -> Ranks:
+    """Ranks for all tests of this process."""
+    return Ranks(count)
 
 
 def parts(name: str, matrix: Any) -> dict[str, Any]:
@@ -96,16 +158,11 @@ def parts(name: str, matrix: Any) -> dict[str, Any]:
     }
 
 
-def run(
-    folder: Path,
-    task: str,
-    ranks: int,
-    *,
-    options: str = "",
-    timeout: float = 240,
-    **given: Any,
-) -> dict[str, Any]:
-    """What rank 0 of the program wrote; K and B may be sparse. Skips without PETSc."""
+def run(count: int, task: str, *, options: str = "", **given: Any) -> dict[str, Any]:
+    """What rank 0 of a task answers; K and B may be sparse. Skips without PETSc.
+
+    ``options``: those of PETSc.
+    """
     if missing():
         pytest.skip(f"needs PETSc: {missing()}")
     arrays: dict[str, Any] = {}
@@ -114,22 +171,7 @@ def run(
             arrays |= parts(name, value)
         elif value is not None:
             arrays[name] = np.asarray(value)
-    source, target = folder / f"{task}-given.npz", folder / f"{task}-{ranks}.npz"
-    np.savez(source, **arrays)
-    target.unlink(missing_ok=True)
-    done = subprocess.run(
-        [
-            *("mpirun", "-n", str(ranks), python(), "-m", "mpi4py"),
-            *(str(PROGRAM), task, str(source), str(target)),
-        ],
-        env=environment() | {"PETSC_OPTIONS": options},
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    with np.load(target, allow_pickle=False) as file:
-        return dict(file)
+    return ranks(count).ask(240, task=task, options=options, **arrays)
 
 
 def changed(found: Any, expected: Any) -> float:

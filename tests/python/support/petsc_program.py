@@ -1,15 +1,23 @@
-"""Tasks that ranks of mpirun do together; `mpi.run` starts them.
+"""Tasks that ranks of mpirun do together, one after another; `mpi.Ranks` starts them.
 
-mpirun -n RANKS python -m mpi4py petsc_program.py TASK GIVEN.npz ANSWER.npz
+mpirun -n RANKS python -m mpi4py petsc_program.py FOLDER PARENT
+
+It takes ``0001-given.npz``, ``0002-given.npz``, … of the folder as they appear, and writes
+``0001-answer.npz``, …, until there is a file ``end``, or the process PARENT has ended.
 """
 
+import itertools
 import json
+import os
 import pickle
 import sys
+import tempfile
+import time
 import traceback
 import warnings
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from scipy import sparse
@@ -19,6 +27,7 @@ from bipot_rs.petsc.library import load
 PETSc, MPI = load()
 
 from bipot_rs.petsc import ContactProblem  # noqa: E402
+from bipot_rs.petsc.linear.options import _OURS  # noqa: E402
 
 comm = MPI.COMM_WORLD
 Given = dict[str, Any]
@@ -119,11 +128,8 @@ def unfactored(given: Given) -> Given:
     """A load path where the first rank fails to factor."""
     from bipot_rs.petsc.linear.preconditioner import OneRankFactor
 
-    def failing(_self: Any, _parts: Any) -> str:
-        return "no factor today"
-
-    OneRankFactor._factor_rows = failing  # type: ignore[method-assign]
-    return solve(given)
+    with patch.object(OneRankFactor, "_factor_rows", lambda *_: "no factor today"):
+        return solve(given)
 
 
 def refused_derivatives(given: Given) -> Given:
@@ -377,10 +383,10 @@ def rows(given: Given) -> Given:
     Counted.comm = property(lambda _self: comm_of)
     tracemalloc.start()
     made = problem(given, K=K)
-    made_peak = tracemalloc.get_traced_memory()[1]
     received_making = CountedComm.received
     made.solve(prescribed=given["prescribed"], tol=1e-10)
     peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
     stats = made.stats
     rows_of_rank = K.getLocalSize()[0]
     numbers = {
@@ -391,30 +397,85 @@ def rows(given: Given) -> Given:
         "gathers": stats["gathers"],
         "bytes_gather": stats["bytes_gather"],
         "newton": stats["newton"],
-        "made_peak": made_peak,
         "peak": peak,
     }
     return {"ranks": json.dumps(comm.allgather(numbers))}
 
 
-def _tasks() -> dict[str, Any]:
-    return {name: f for name, f in globals().items() if callable(f)}
+def command(given: Given) -> Given:
+    """`bipot`: its exit status, and what the ranks print, in the order of their numbers."""
+    from bipot_rs.cli.entry import call
+
+    streams, before = (sys.stdout, sys.stderr), Path.cwd()
+    names = [f"{name}-{comm.rank}" for name in ("stdout", "stderr")]
+    os.chdir(str(given["cwd"]))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        warnings.catch_warnings(action="default"),
+    ):
+        files = [Path(folder, name) for name in names]
+        sys.stdout, sys.stderr = (file.open("w") for file in files)
+        opened = sys.stdout, sys.stderr
+        try:
+            status = call([str(word) for word in given["words"]])
+        finally:
+            # `discard_output` replaces the streams.
+            for stream in (sys.stdout, sys.stderr, *opened):
+                stream.close()
+            sys.stdout, sys.stderr = streams
+            os.chdir(before)
+        told = comm.allgather((status, *(file.read_text() for file in files)))
+    statuses, output, errors = zip(*told, strict=True)
+    return {
+        "status": next(filter(None, statuses), 0),
+        "output": "".join(output),
+        "errors": "".join(errors),
+    }
 
 
-def main() -> None:
-    task, source, target = sys.argv[1:]
-    warnings.simplefilter("error")
-    with np.load(source) as file:
-        data = dict(file)
+def _wait_for(file: Path, parent: int) -> None:
+    """Wait without MPI, whose ranks keep their cores busy."""
+    while not file.exists():
+        if file.with_name("end").exists():
+            sys.exit()
+        try:
+            os.kill(parent, 0)
+        except ProcessLookupError:
+            sys.exit()
+        time.sleep(0.002)
+
+
+def _do(given: Given) -> Given:
+    """Do a task with its options of PETSc."""
+    options = PETSc.Options()
+    options.insertString(str(given.pop("options")))
+    task = globals()[str(given.pop("task"))]
     try:
-        arrays = _tasks()[task](data)
-    except BaseException:  # noqa: BLE001 - the process ends
+        return dict(task(given))
+    except BaseException:
         # Other ranks wait in a message, and PETSc would wait for them at exit.
         traceback.print_exc()
         sys.stderr.flush()
         comm.Abort(1)
-    if comm.rank == 0:
-        np.savez(Path(target), **arrays)
+        raise
+    finally:
+        for name in options.getAll():
+            options.delValue(name)
+        _OURS.clear()
+
+
+def main() -> None:
+    folder, parent = Path(sys.argv[1]), int(sys.argv[2])
+    warnings.simplefilter("error")
+    for k in itertools.count(1):
+        source = folder / f"{k:04d}-given.npz"
+        _wait_for(source, parent)
+        with np.load(source) as file:
+            given = dict(file)
+        arrays = _do(given)
+        if comm.rank == 0:
+            np.savez(folder / "answer.npz", **arrays)
+            (folder / "answer.npz").rename(folder / f"{k:04d}-answer.npz")
 
 
 if __name__ == "__main__":
