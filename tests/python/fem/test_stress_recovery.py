@@ -166,3 +166,14 @@ def test_internal_forces_are_those_of_the_stiffness(cell: str) -> None:
     at_points = stress_recovery.stress_at_points(body, u)
     ours = stress_recovery.internal_forces(body, at_points)
     close(ours, fem.stiffness(body) @ u, 1e-12)
+
+
+def test_von_mises() -> None:
+    pull = np.diag([-3.0, 0.0, 0.0])
+    shear = np.zeros((3, 3))
+    shear[0, 1] = shear[1, 0] = 2.0
+    every = np.stack([pull, shear, 5 * np.eye(3), pull + 7 * np.eye(3)])
+    exact = [3.0, 2 * np.sqrt(3), 0.0, 3.0]
+    np.testing.assert_allclose(fem.von_mises(every), exact, rtol=1e-14)
+    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    np.testing.assert_allclose(fem.von_mises(turn @ every @ turn.T), exact, atol=1e-14)

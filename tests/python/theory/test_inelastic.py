@@ -28,89 +28,55 @@ SEEDS = range(6)
 BARS = [(0, 2), (1, 3), (2, 3), (0, 3), (1, 2)]
 
 
-class Bars(NamedTuple):
-    """Stiffness, hardening, limit (infinite if elastic) and plastic elongation at the start."""
-
-    stiffness: Array
-    hardening: Array
-    limit: Array
-    plastic: Array
-
-
-class Given(NamedTuple):
+class Truss(NamedTuple):
     """Two feet on the ground, two tops on springs to a wall, five bars that yield."""
 
-    bars: Bars
-    C: Array
-    B: Array
-    gap: Array
-    mu: Array
+    whole: Structure
+    without_contacts: Structure
+    stress: Array  # at the start, of plastic elongations
     load: Array
 
 
-def given(seed: int) -> Given:
+@cache
+def given(seed: int) -> Truss:
     rng = np.random.default_rng([3, seed])
-    rows = []
-    for a, b in BARS:
+    C = np.zeros((5, 4, 2))
+    for row, (a, b) in zip(C, BARS, strict=True):
         way = POINTS[b] - POINTS[a]
-        row = np.zeros((4, 2))
         row[b], row[a] = way / np.linalg.norm(way), -way / np.linalg.norm(way)
-        rows.append(row.ravel())
-    springs = np.eye(8)[4:]  # both components of the tops
-    k = np.concatenate([rng.uniform(0.5, 2.0, 5), np.full(4, 0.2)])
-    limit = np.concatenate([rng.uniform(0.2, 0.6, 5), np.full(4, np.inf)])
+    C, k, limit = C.reshape(5, 8), rng.uniform(0.5, 2.0, 5), rng.uniform(0.2, 0.6, 5)
+    h, share = 0.3 * k, 1 / 1.3
     # At the start, without elongation, bars may be anywhere below their limits.
-    most = 0.9 * limit[:5] / (1.3 * k[:5])
-    plastic = np.concatenate(
-        [np.clip(rng.normal(size=5) * 0.2, -most, most), np.zeros(4)]
-    )
-    B = np.zeros((4, 8))
-    B[0, 1] = B[2, 3] = 1.0
-    B[1, 0] = B[3, 2] = 1.0
+    most = 0.9 * limit / (1.3 * k)
+    stress = np.zeros((5, 2))
+    stress[:, 1] = -k * np.clip(rng.normal(size=5) * 0.2, -most, most)
     gap = np.abs(rng.normal(size=(2, 2))) * 0.05
     load = np.zeros(8)
     load[4:] = rng.normal(size=4) - np.array([0.0, 1.2, 0.0, 1.2])
-    return Given(
-        Bars(k, 0.3 * k, limit, plastic),
-        np.vstack([*rows, springs]),
-        B,
-        gap,
-        rng.uniform(0.2, 0.5, 2),
-        load,
-    )
-
-
-def structure_of(g: Given, *, contacts: bool = True) -> tuple[Structure, Any]:
-    """The structure and its start, with the stresses of the plastic elongations."""
-    k, h, y, p0 = g.bars
-    yields = np.isfinite(y)
-    share = np.where(yields, h / (k + h), 1.0)
-    K = g.C.T * (share * k) @ g.C
-    ratio = (k / (k + h))[yields]
+    contacts = Contacts(np.eye(8)[[1, 0, 3, 2]], gap, rng.uniform(0.2, 0.5, 2))
+    # Both components of the tops are on springs.
+    K = C.T * (share * h) @ C + np.diag([0.0] * 4 + [0.2] * 4)
     # Of a point the normal component is idle.
-    strain = np.zeros((2 * yields.sum(), g.C.shape[1]))
-    strain[1::2] = g.C[yields]
+    strain = np.zeros((10, 8))
+    strain[1::2] = C
     points = PlasticPoints(
         strain,
-        np.ones(yields.sum()),
-        np.outer(k[yields] * ratio, [1.0, 1.0]),
-        cohesion=ratio * y[yields],
+        np.ones(5),
+        np.outer(share * k, [1.0, 1.0]),
+        cohesion=share * limit,
         apex=1.0,
     )
-    arrays = Contacts(g.B, g.gap, g.mu) if contacts else None
-    structure = Structure([K], [points], arrays)
-    stress = np.zeros((yields.sum(), 2))
-    stress[:, 1] = -(k * p0)[yields]
-    return structure, structure.at_rest([stress])
+    whole, alone = (Structure([K], [points], c) for c in (contacts, None))
+    return Truss(whole, alone, stress, load)
 
 
-def bifunctional(g: Given, u: Array, r: Array) -> float:
+def bifunctional(g: Truss, u: Array, r: Array) -> float:
     """B at ``u`` and at the stresses in equilibrium with the reactions ``r``."""
-    structure, start = structure_of(g)
-    free, rest = structure_of(g, contacts=False)
-    (step,) = free.solve(g.load + g.B.T @ r.ravel(), start=rest, tol=1e-12)
+    structure, free = g.whole, g.without_contacts
+    push, rest = structure.matrix.T @ r.ravel(), free.at_rest([g.stress])
+    (step,) = free.solve(g.load + push, start=rest, tol=1e-12)
     (group,) = structure.points
-    begin = group.from_tensors(start.stress[0])
+    begin = group.from_tensors(g.stress)
     end = StructureState(
         displacement=u,
         reaction=r,
@@ -121,6 +87,7 @@ def bifunctional(g: Given, u: Array, r: Array) -> float:
         gap=structure.gap,
     )
     # The start has no tangential history: that of the gap counts as slip.
+    start = structure.at_rest([g.stress])
     return measure_bifunctional(structure, start, end, g.load)
 
 
@@ -129,11 +96,11 @@ def solved(
     seed: int, method: str = "displacements", passes: int = 200
 ) -> StructureStep:
     """The step after so many passes."""
-    structure, start = structure_of(given(seed))
+    g = given(seed)
     try:
-        (step,) = structure.solve(
-            given(seed).load,
-            start=start,
+        (step,) = g.whole.solve(
+            g.load,
+            start=g.whole.at_rest([g.stress]),
             method=method,
             tol=1e-12,
             max_iterations=passes if method == "displacements" else None,
@@ -148,7 +115,7 @@ def follow(seed: int) -> Array:
     """B of the first passes: of the new u with the reactions before, and with its own."""
     g, count = given(seed), min(len(solved(seed).history), 5)
     iterates = [solved(seed, passes=k + 1) for k in range(count)]
-    reactions = [np.zeros_like(g.gap), *(step.reaction for step in iterates)]
+    reactions = [np.zeros((2, 2)), *(step.reaction for step in iterates)]
     return np.array(
         [
             [bifunctional(g, step.displacement, r) for r in reactions[k : k + 2]]
