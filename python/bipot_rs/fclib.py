@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import count_noun, make_type_error
 from bipot_rs._lib.optional import load_library
-from bipot_rs._lib.types import AnyArray, Floats, Integers, SparseMatrix
+from bipot_rs._lib.types import AnyArray, Floats, Integers, MatrixLike, SparseMatrix
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.path.moving_gaps import read_gap
@@ -56,6 +56,8 @@ _INFO = ("title", "description", "math_info")
 # A compressed array has at most about a thousand times the size of its file. One that
 # claims more is damaged; reading it would fill the memory with zeros.
 _INFLATION = 2000
+# Entries of V up to which it is dense, 8 MB: dense columns take less time than sparse ones.
+_DENSE_MOTIONS = 1 << 20
 
 
 class Vectors(NamedTuple):
@@ -495,7 +497,7 @@ def _open(path: Path_) -> Iterator[_File]:
 
 def _read_local(
     file: _File,
-) -> tuple[Floats, Floats, SparseMatrix, tuple[Floats, Floats] | None]:
+) -> tuple[Floats, Floats, SparseMatrix, tuple[MatrixLike, Floats] | None]:
     group = "/fclib_local"
     file.expect(group, ("spacedim", "W", "vectors"), ("V", "R", "info"))
     size, d = _read_sizes(file)
@@ -521,8 +523,9 @@ def _read_local(
             f"{group}/R is not zero: constraints with a compliance of their own are not "
             "supported, only rigid motions"
         )
-    W, V = file.matrix(f"{group}/W"), file.matrix(f"{group}/V").toarray()
-    return q, mu, W, (V, s) if count else None
+    W, V = file.matrix(f"{group}/W"), file.matrix(f"{group}/V")
+    motions = V if rows * count > _DENSE_MOTIONS else V.toarray()
+    return q, mu, W, (motions, s) if count else None
 
 
 def _read_global(

@@ -403,6 +403,20 @@ def matrix_of(name: str, rows: int, columns: int, x: list[float]) -> Change:
     return lambda file: fclib._write_matrix(file.create_group(name), matrix)
 
 
+def test_many_rigid_motions_stay_sparse(tmp_path: Path) -> None:
+    """Of 1,100 separate bodies with a contact each, the dense V has a million zeros."""
+    n = 1100
+    V = sparse.csc_array(sparse.kron(sparse.eye_array(n), [[1.0], [0.0]]))
+    problem = bp.ReducedProblem(
+        sparse.eye_array(2 * n).tocsr(), np.zeros((n, 2)), 0.3, rigid=(V, -np.ones(n))
+    )
+    bp.fclib.write(tmp_path / "many.h5", problem)
+    read = reduced(tmp_path / "many.h5")
+    assert read.rigid is not None
+    assert read.rigid[0].count_nonzero() == n
+    np.testing.assert_allclose(read.solve().reaction, np.tile([1.0, 0.0], (n, 1)))
+
+
 def test_constraints_are_refused_or_rigid_motions(tmp_path: Path) -> None:
     V = matrix_of("/fclib_local/V", 27, 1, [1.0])
     s = put("/fclib_local/vectors/s", [2.0])
