@@ -340,7 +340,7 @@ class Case:
         remarks = inspect(
             self.model,
             load=self.load,
-            prescribed=np.nan_to_num(self.prescribed),
+            prescribed=self.prescribed,
             strained=strained,
         )
         if (

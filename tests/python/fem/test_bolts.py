@@ -11,6 +11,7 @@ import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.fem.assembly.assembly import Support
 from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.checks.inspection import inspect
 from bipot_rs.fem.constraints.bolts import Bolt
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.mesh.elements import kind_of, make_mesh, second_order
@@ -72,6 +73,8 @@ def test_a_bar_has_its_own_stiffness(cell: str, degree: int, scale: float) -> No
         model.prescribed([[0.0], [top], *[[0.0]] * (d - 1)], {"bar": [bolt]})
         for top, bolt in ((0.0, np.nan), (0.0, 0.0), (stretch, 0.0))
     ]
+    (remark,) = inspect(model, prescribed=path)
+    assert "may never touch" in remark
     result = model.problem().solve([pull] * 3, path)
     area = side ** (d - 1)
     stiffness = young * area / length

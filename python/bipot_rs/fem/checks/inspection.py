@@ -74,6 +74,10 @@ def inspect(
         supports on their nodes determine; a Young's modulus, size or loads that seem to use
         different units.
     """
+    if prescribed is not None:
+        # The shortening of a bolt that is free is NaN.
+        values = floats("prescribed", prescribed, finite=False)
+        prescribed = floats("prescribed", np.where(np.isnan(values), 0.0, values))
     warnings = [
         *_penetrating(model),
         *_facing_away(model),
@@ -236,11 +240,9 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
         every = every.copy()
         every[:, model.fixed] = 0.0
     for numbered in model.numbered.values():
-        body, displacement = numbered.body, every[:, numbered.span]
+        body, loads = numbered.body, every[:, numbered.span]
         young = _stiffest(body.material)
-        forces = np.linalg.norm(
-            displacement.reshape(len(displacement), -1, model.dim), axis=-1
-        )
+        forces = np.linalg.norm(loads.reshape(len(loads), -1, model.dim), axis=-1)
         sides = np.sort(np.ptp(body.points, axis=0))[1:]
         around = (
             2 * np.pi * float(body.points[:, 0].max()) if body.axisymmetric else 1.0
