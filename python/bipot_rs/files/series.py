@@ -11,7 +11,6 @@ import json
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import repeat
 from pathlib import Path
 from typing import TypeVar
 from xml.etree import ElementTree
@@ -181,7 +180,6 @@ def write_series(
     points: ArrayLike,
     cells: Cells | None,
     steps: Iterable[Record],
-    of_cells: Iterable[Mapping[str, AnyArray]] | None = None,
     *,
     units: Mapping[str, str] | None = None,
 ) -> None:
@@ -192,12 +190,11 @@ def write_series(
     `write_grid`, without them each point is a vertex. Of each step, arrays ``(points,)`` and
     ``(points, k)`` become fields, and the numbers ``load`` and ``time`` field data; all else is
     left out. The time in the index is the load if that grows from step to step, else the time,
-    else the number. ``of_cells``: fields of the cells in each step. ``units``: names of the
-    units of ``"length"``, ``"force"`` and ``"stress"``.
+    else the number. ``units``: names of the units of ``"length"``, ``"force"`` and ``"stress"``.
     """
     series = Series(path, points, cells, units=units)
-    for step, in_cells in zip(steps, of_cells or repeat({}), strict=False):
-        series.add(step, in_cells)
+    for step in steps:
+        series.add(step)
     series.end()
 
 
@@ -234,7 +231,7 @@ class Series:
         step: Record,
         of_cells: Mapping[str, AnyArray] | None = None,
     ) -> None:
-        """Write the next step; ``step`` and ``of_cells`` as in `write_series`."""
+        """Write the next step, as in `write_series`; ``of_cells``: fields of the cells."""
         fields = {
             name: _three(np.asarray(value))
             for name, value in step.items()

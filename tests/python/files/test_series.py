@@ -83,9 +83,10 @@ def test_fields_of_cells(tmp_path: Path) -> None:
         ("quad", np.array([[0, 1, 4, 3]])),
     ]
     error = np.array([1.0, 2.0, 3.0])
-    series.write_series(
-        tmp_path / "a.pvd", points, cells, [{}, {}], [{"error": error}, {}]
-    )
+    of_steps = series.Series(tmp_path / "a.pvd", points, cells)
+    of_steps.add({}, {"error": error})
+    of_steps.add({})
+    of_steps.end()
     mesh = meshio.read(tmp_path / "a_0000.vtu")
     np.testing.assert_array_equal(mesh.cell_data["error"][0], error[:2])
     np.testing.assert_array_equal(mesh.cell_data["error"][1], error[2:])
