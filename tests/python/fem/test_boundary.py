@@ -194,6 +194,15 @@ def test_supports_and_symmetries_that_disagree() -> None:
     )
     with refused(r"near \(0, 0\) contradict a plane of symmetry"):
         clamped.prescribed([[0.1, 0.0]])
+    # The plane is normal to x within 0.1 degrees: a millimetre would become half a metre.
+    little = np.array([[1.0, -0.002], [0.002, 1.0]]) / np.hypot(1.0, 0.002)
+    nearly = fem.Body("it", turned(body.mesh, little), STEEL)
+    far = fem.assemble([nearly], [], [support], symmetries=[plane])
+    assert not far.prescribed([[0.0]]).any()
+    with refused(
+        r"support 'it\.left' moves the node at .* by 0\.001 along x, .* by 0\.5 "
+    ):
+        far.prescribed([[0.001]])
     bent = fem.Body("it", placed(body.mesh, body.mesh.p.copy()), STEEL)
     bent.mesh.p[0] += 0.1 * bent.mesh.p[1] ** 2
     with refused("the surface is not plane, its nodes lie up to"):

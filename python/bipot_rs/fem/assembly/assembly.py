@@ -468,7 +468,8 @@ class Assembly:
                 return error
             of = self.contacts[int(self.group[contact])]
             where = f" of '{of.body}.{of.surface}' at {place(self.points[contact])}"
-            support = self._find_support(contact) or "a support"
+            rows = self.dim * contact + np.arange(self.dim)
+            support = self._name_support(self.B[rows].indices)
             return with_reason(error, describe_contact(error, where, support), engine)
         dof = getattr(error, "dof", None)
         if getattr(error, "kind", "") != "few_digits" or dof is None:
@@ -503,17 +504,15 @@ class Assembly:
         dofs = np.array([bolt.first for bolt in self.bolts], np.int64)
         return dofs, np.array([bolt.share for bolt in self.bolts])
 
-    def _find_support(self, contact: int) -> str | None:
-        """``support 'body.surface'`` for a support of the nodes of a contact."""
-        rows = self.dim * contact + np.arange(self.dim)
-        dofs = self.B[rows].indices
+    def _name_support(self, dofs: Ints) -> str:
+        """``support 'body.surface'`` for what holds one of some degrees of freedom."""
         if self.inclined is not None and self.inclined.normals[dofs].nnz:
             return "a plane of symmetry that is not normal to an axis"
-        for support, components in zip(self.supports, self.support_dofs, strict=True):
-            if any(np.isin(dofs, held).any() for held in components):
+        for support, held in zip(self.supports, self.support_dofs, strict=True):
+            if np.isin(held, dofs).any():
                 surface = "" if support.surface is None else f".{support.surface}"
                 return f"support '{support.body}{surface}'"
-        return None
+        return "a support"
 
     def _coordinates(self) -> Floats | None:
         """Position of each degree of freedom; None if one is an unknown rotation."""
@@ -766,16 +765,16 @@ class Assembly:
                 f"values has {len(values)} entries, expected one for each of the {count} "
                 "supports"
             )
-        moved_by = [
+        of_supports = [
             floats(f"values of support {i}", given, shape=(len(support.components),))
             for i, (support, given) in enumerate(
                 zip(self.supports[:count], values, strict=True)
             )
         ]
-        moved_by += [np.zeros(1)] * self.symmetries
+        of_supports += [np.zeros(1)] * self.symmetries
         at = np.full(self.n, np.nan)
         for support, dofs, numbers in zip(
-            self.supports, self.support_dofs, moved_by, strict=True
+            self.supports, self.support_dofs, of_supports, strict=True
         ):
             for row, k, moved in zip(dofs, support.components, numbers, strict=True):
                 other = row[~np.isnan(at[row]) & (at[row] != moved)]
@@ -795,4 +794,27 @@ class Assembly:
         if self.ties is not None:
             at[self.ties.dependent] = 0.0
             self.ties.prescribed(at[self.fixed])
+            self._refuse_far(at)
         return at[self.fixed]
+
+    def _refuse_far(self, at: Floats) -> None:
+        """Refuse a component prescribed across an inclined plane that is nearly normal to it."""
+        if self.inclined is None or self.ties is None:
+            return
+        given = np.where(np.isnan(at), 0.0, at)
+        moved = self.ties.displacement(given)[: self.nodes.size]
+        given, moved = (
+            u[: self.nodes.size].reshape(-1, self.dim) for u in (given, moved)
+        )
+        node = self.inclined.find_far(given, moved)
+        if node is None:
+            return
+        k = int(np.argmax(np.abs(given[node])))
+        dof = np.array([self.dim * node + k])
+        raise ValueError(
+            f"{self._name_support(dof)} moves the node at "
+            f"{place(self.nodes[node])} by {given[node, k]:g} along {'xyz'[k]}, and a plane of "
+            f"symmetry there is almost normal to {'xyz'[k]}: the node would move by "
+            f"{np.linalg.norm(moved[node]):.3g} along the plane; exclude the nodes of the plane "
+            "from the support by within, or leave this component out"
+        )

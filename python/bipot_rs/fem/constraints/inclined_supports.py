@@ -15,6 +15,10 @@ from scipy import sparse
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs.fem.constraints.ties import SAME, Relations
 
+# A node that moves by more than this part of a displacement prescribed at it is on a plane
+# within half a degree of the direction of that displacement's normal: a mistake.
+_FAR = 100.0
+
 
 @dataclass(frozen=True)
 class Planes:
@@ -24,6 +28,16 @@ class Planes:
     # prescribe.
     normals: CsrMatrix = field(repr=False)
     relations: Relations = field(repr=False)  # of each node and plane
+
+    def find_far(self, given: Floats, moved: Floats) -> int | None:
+        """A node that its plane moves much farther than the component prescribed there.
+
+        ``given (nodes, d)``: prescribed components, else 0. ``moved``: all that follow.
+        """
+        nodes = np.unique(self.relations.dofs // given.shape[1])
+        size, length = (np.linalg.norm(u[nodes], axis=1) for u in (given, moved))
+        far = nodes[(length > _FAR * size) & (size > 0)]
+        return int(far[0]) if far.size else None
 
     def tangents(self, frame: Floats, first: Ints, within: Bools) -> Floats:
         """Turn frames ``(n_c, 3, 3)`` so that t2 is normal to the plane of their node.
