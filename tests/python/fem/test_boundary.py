@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from bipot_rs import fem
 from bipot_rs.fem.checks.inspection import inspect
+from bipot_rs.obstacle.shapes import Sphere, Union
 from support.boxes import CELLS, box, placed
 from support.comparisons import close, near, refused
 
@@ -318,6 +319,25 @@ def test_held_nodes_that_touch(seed: int, between: str, pairing: Any) -> None:
     model = fem.assemble(bodies, [contact], held)
     assert not model.gap.any()
     assert model.problem().solve(model.pressure("it", "top", 1.0)).success
+
+
+@pytest.mark.parametrize("radius", [30.0, 3e3, 1e5])
+@pytest.mark.parametrize("united", [False, True])
+def test_held_nodes_that_touch_a_large_disc(radius: float, united: bool) -> None:
+    """Distances have the rounding of the radius, which is larger than all coordinates."""
+    disc: Any = Sphere([0.0, -radius], radius)
+    obstacle = Union([disc, Sphere([50.0, 0.0], 1.0)]) if united else disc
+    for cells in (5, 7, 11, 13):
+        mesh = fem.box([np.linspace(0, 1, cells + 1)] * 2, "quadrilateral")
+        angle, r = (mesh.p[0] - 0.5) / radius, radius + mesh.p[1]
+        bent = placed(mesh, np.array([r * np.sin(angle), r * np.cos(angle) - radius]))
+        model = fem.assemble(
+            [fem.Body("it", bent, STEEL)],
+            [fem.Contact("it", "bottom", 0.3, obstacle=obstacle)],
+            [fem.Support("it", "bottom", (0, 1))],
+        )
+        assert not model.gap.any()
+        assert model.problem().solve(model.pressure("it", "top", 1.0)).success
 
 
 def test_loads_given_as_arrays_respect_an_inclined_plane() -> None:

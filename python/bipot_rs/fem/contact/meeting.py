@@ -51,17 +51,33 @@ def follow_obstacle(
     met = _approach_nodes(side, obstacle, motion, nodes, since)
     smooth, nodal = split_clearance(contact, side)
     clearance = smooth(side.body.points[nodes]) + nodal[nodes]
-    distance = _drop_rounding(met.distance + clearance, side.body.points[nodes])
+    distance = _drop_rounding(
+        met.distance + clearance, side.body.points[nodes], obstacle
+    )
     return met._replace(distance=distance)
 
 
-def _drop_rounding(gap: Floats, points: Floats) -> Floats:
+def _drop_rounding(
+    gap: Floats, points: Floats, obstacle: Obstacle | None = None
+) -> Floats:
     """Gaps without the rounding of coordinates: zero where nodes touch.
 
     A node that supports hold may not penetrate, however little.
     """
-    rounding = 8 * np.finfo(np.float64).eps * np.abs(points).max(initial=0.0)
+    size = max(float(np.abs(points).max(initial=0.0)), _measure(obstacle))
+    rounding = 8 * np.finfo(np.float64).eps * size
     return np.where(np.abs(gap) <= rounding, 0.0, gap)
+
+
+def _measure(obstacle: object) -> float:
+    """The largest coordinate or radius of an obstacle, whose rounding its distances have."""
+    sizes = [_measure(part) for part in getattr(obstacle, "obstacles", ())]
+    for name in ("point", "centre", "radius", "major_radius"):
+        value = np.asarray(getattr(obstacle, name, 0.0))
+        # Obstacles of users may have anything by these names.
+        if value.dtype.kind in "fiu":
+            sizes.append(float(np.abs(value).max(initial=0.0)))
+    return max(sizes, default=0.0)
 
 
 def weigh_obstacle(
@@ -93,7 +109,7 @@ def weigh_obstacle(
     means = weights.clearance[states:].reshape(states - 1, slave.dim, len(weights.node))
     drag[1:] = means.transpose(0, 2, 1)
     gap = weights.clearance[:states] + weights.slave @ nodal
-    gap = _drop_rounding(gap, side.body.points[weights.node])
+    gap = _drop_rounding(gap, side.body.points[weights.node], obstacle)
     return slave, weights, Approach(met.normal, gap, drag)
 
 
@@ -284,14 +300,17 @@ def relative_displacement(meetings: Sequence[Meeting], n: int) -> CsrMatrix:
 
 
 def gaps_of_steps(
-    all_met: Sequence[Meeting], contacts: Sequence[Contact], frame: Floats, turned: bool
+    meetings: Sequence[Meeting],
+    contacts: Sequence[Contact],
+    frame: Floats,
+    turned: bool,
 ) -> MovingGaps | None:
     """Gaps, frames and drag of each step for all contacts; None if no obstacle moves.
 
     ``frame``: frames at the start, ``(n_c, d, d)``.
     ``turned``: whether their tangents were turned to those of inclined supports.
     """
-    steps = sorted({len(met.moved.drag) for met in all_met if met.moved is not None})
+    steps = sorted({len(met.moved.drag) for met in meetings if met.moved is not None})
     if not steps:
         return None
     if len(steps) > 1:
@@ -300,19 +319,19 @@ def gaps_of_steps(
             "all the same number of steps"
         )
     parts, first = [], 0
-    for met, contact in zip(all_met, contacts, strict=True):
-        frames = frame[first : first + len(met.gap)]
+    for met, contact in zip(meetings, contacts, strict=True):
+        at_start = frame[first : first + len(met.gap)]
         first += len(met.gap)
         moved = met.moved
         if moved is None:
-            shape = steps[0], *frames.shape
+            shape = steps[0], *at_start.shape
             gap, bases = (
                 np.broadcast_to(met.gap, shape[:2]),
-                np.broadcast_to(frames, shape),
+                np.broadcast_to(at_start, shape),
             )
             parts.append((gap, bases, np.zeros(shape[:3])))
         else:
-            bases = frames_of_steps(contact, frames, moved.normal, turned)
+            bases = frames_of_steps(contact, at_start, moved.normal, turned)
             parts.append((moved.distance, bases, moved.drag))
     return MovingGaps(
         *(np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
