@@ -29,7 +29,7 @@ class FacetSide:
 class ContactFacets:
     """Facets whose nodes are all contacts."""
 
-    # first, second Side: facets of the bodies that have the contacts, and the opposite facets;
+    # first, second: facets of the bodies that have the contacts, and the opposite facets;
     # the latter are missing for a rigid obstacle.
     first: FacetSide
     second: FacetSide

@@ -122,10 +122,10 @@ def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
     return potentials.reshape(*corners.shape, dim)
 
 
-def _check(cells: Simplices, asked: Floats, moments: Floats) -> None:
+def _check(cells: Simplices, asked: Floats, of_facets: Floats) -> None:
     left, terms = asked.copy(), np.abs(asked)
     for k, a in pairs(cells.dim):
-        moment = moments[cells.facet_of[:, k], cells.place[:, k, a]]
+        moment = of_facets[cells.facet_of[:, k], cells.place[:, k, a]]
         left[:, a] -= cells.sign[:, k, None] * moment
         terms[:, a] += np.abs(moment)
     # Equations of nodes are satisfied up to the rounding of a factorisation, while an

@@ -177,7 +177,7 @@ def cross(u: Floats, v: Floats) -> Floats:
 
 @dataclass
 class Content:
-    """The content of a file."""
+    """The content of a mesh file: points, cells, and sets of cells, nodes and faces."""
 
     points: Floats  # (places, 3)
     blocks: list[tuple[str, Ints]]  # kind of cells in VTK's names

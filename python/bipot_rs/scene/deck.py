@@ -240,11 +240,11 @@ class Deck:
             m.material(_word(name), young=young, poisson=poisson)
         for name, piece in self._pieces.items():
             group = list(piece.materials)
-            content = read_mesh(mesh, group)
-            piece.points = content.p.T
-            piece.at = {tuple(x): k for k, x in enumerate(content.p.T.tolist())}
-            for surface, facets in (content.boundaries or {}).items():
-                nodes = np.unique(facet_nodes(content, np.asarray(facets))).tolist()
+            elements = read_mesh(mesh, group)
+            piece.points = elements.p.T
+            piece.at = {tuple(x): k for k, x in enumerate(elements.p.T.tolist())}
+            for surface, facets in (elements.boundaries or {}).items():
+                nodes = np.unique(facet_nodes(elements, np.asarray(facets))).tolist()
                 piece.surfaces[surface.upper()] = surface, set(nodes)
             materials = {part: _word(word) for part, word in piece.materials.items()}
             only = len(group) == 1

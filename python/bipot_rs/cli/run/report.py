@@ -103,9 +103,9 @@ def format_steps(
             kinds.setdefault(name, []).append(kind)
     # Names with the same columns, such as all flat surfaces.
     alike: dict[tuple[str, ...], list[str]] = {}
-    for name, pair in kinds.items():
-        alike.setdefault(tuple(pair), []).append(name)
-    bolts = [name for name, pair in kinds.items() if pair[0] in BOLTS]
+    for name, columns in kinds.items():
+        alike.setdefault(tuple(columns), []).append(name)
+    bolts = [name for name, columns in kinds.items() if columns[0] in BOLTS]
     below = [
         keys
         for keys in alike

@@ -285,7 +285,7 @@ def _in_order(
     if how is None or how.fits:
         return
     if order is not None and how.translates and 2 * len(how.turned) < how.turnable:
-        return  # MatrixProblem explicitly, and correct in most rows: `ContactProblem` warns.
+        return  # Given explicitly, and correct in most rows: `ContactProblem` warns.
     sorted_ = places[np.argsort(labels, kind="stable")]
     advice = (
         f"no order of components fits, nor do the nodes sorted by label: the rows of {nodes} "

@@ -529,13 +529,13 @@ class HeldRecovery:
 
     def recover(self, steps: Sequence[Step], /) -> Floats:
         """As `Recovery`."""
-        unknowns = [
+        of_engine = [
             revise(step, prescribed=step.recovery.prescribed)
             for step in steps
             if isinstance(step.recovery, HeldRecovery)
         ]
-        reduced_steps = self.recovery.recover(unknowns)
-        return np.stack([self.held.displacement(y) for y in reduced_steps])
+        solved = self.recovery.recover(of_engine)
+        return np.stack([self.held.displacement(y) for y in solved])
 
 
 def has_frames(path: PathSolver, totals: Sequence[Totals]) -> bool:

@@ -1,4 +1,4 @@
-"""Guaranteed bounds of the distance to the solution, and the sequence along which they fall."""
+"""Guaranteed bounds of the distance to the solution; the minimising sequence of [dSF91]."""
 
 from __future__ import annotations
 

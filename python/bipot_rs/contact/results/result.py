@@ -675,17 +675,17 @@ class Result(Sequence[Step]):
         x, instants = self.contacts.get("x"), self.instants()
         of_contacts = {name: self.contacts.get(name) for name in ("area", "mu")}
         of_contacts |= {} if x is None else dict(zip("xyz", x.T, strict=False))
-        units = {
+        coordinates = {
             name: (every[1], a) for name, a in of_contacts.items() if np.ndim(a) == 1
         }
-        units |= {
+        coordinates |= {
             name: (every[0], [instant[name] for instant in instants])
             for name in ("load", "time")
         }
         local = ["n", "t1", "t2"][: self.shape[1]]
         return load_library("xarray", extra="", need="datasets").Dataset(
             {name: pair for name, pair in arrays.items() if pair[1] is not None},
-            {**units, "component": local, "tangent": local[1:]},
+            {**coordinates, "component": local, "tangent": local[1:]},
         )
 
     def table(self, rows: str = "steps") -> Any:

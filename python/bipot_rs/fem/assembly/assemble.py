@@ -340,10 +340,10 @@ def _without_slip(
     ``free (n,)``: 1 at free degrees of freedom, 0 at prescribed ones.
     """
     count, d = frame.shape[:2]
-    kept, motions = np.arange(count), None
+    kept, before = np.arange(count), None
     for basis in [frame] if path is None else [frame, *path.frame]:
         there = basis[kept]
-        if motions is not None and np.array_equal(there, motions):
+        if before is not None and np.array_equal(there, before):
             continue
         rows = (d * kept[:, None] + np.arange(d)).ravel()
         left, most = (
@@ -354,5 +354,5 @@ def _without_slip(
         )
         # A node that can slip only by the rounding of its normal cannot slip.
         held = (left <= _NO_WAY * most)[:, 1:].all(axis=1)
-        kept, motions = kept[held], there[held]
+        kept, before = kept[held], there[held]
     return kept
