@@ -62,6 +62,7 @@ def test_the_judge_finds_each_violation() -> None:
         assert bench.judge(wall, wrong) > 0.1
 
 
+@pytest.mark.quick_variants("1-*")
 @pytest.mark.parametrize(("number", "compliance"), [(1, 1e-9), (2, 1e-5), (3, 1e-7)])
 def test_an_associated_wall_moves_at_its_static_limit(
     number: int, compliance: float

@@ -18,20 +18,6 @@ def test_far_from_the_origin_no_digits_are_lost(cell: str) -> None:
     np.testing.assert_array_equal(K[0].toarray(), K[1].toarray())
 
 
-def test_only_bitwise_equal_cells_share_a_matrix() -> None:
-    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-    nearly = square.copy()
-    nearly[2, 0] = np.nextafter(1.0, 2.0)
-    negative = square * [[1, 1], [1, -0.0], [1, 1], [-0.0, 1]]
-    corners = np.stack([square, nearly, square + 4, nearly, square, negative])
-    shapes, which = elasticity.distinct_cells(corners)
-    assert len(shapes) == 2
-    np.testing.assert_array_equal(which[[0, 2, 4, 5]], which[0])
-    np.testing.assert_array_equal(which[[1, 3]], which[1])
-    assert which[0] != which[1]
-    np.testing.assert_array_equal(shapes[which], corners - corners[:, :1])
-
-
 def test_hash_collisions_of_cells_are_detected() -> None:
     """Two triangles that collide by design: the hash is linear in its input."""
     odd, whole = 0x9E3779B97F4A7C15, 2**64

@@ -417,18 +417,3 @@ def test_invalid_springs(arguments: dict[str, Any], message: str) -> None:
     with refused(message):
         spring = fem.Spring(**{"body": "it", "surface": "top"} | arguments)
         fem.assemble([block("triangle")], [], springs=[spring])
-
-
-@pytest.mark.parametrize(
-    ("within", "said"),
-    [
-        ({0: (20.0, 50.0)}, "has no nodes: within excludes all"),
-        ({0: (0.5, 0.2)}, "expected .* with low <= high"),
-        ({5: (0.0, 1.0)}, "has axis 5, expected one of"),
-    ],
-)
-def test_support_without_nodes(within: dict[int, Any], said: str) -> None:
-    """A range in wrong units, or with exchanged ends, is not the same as no support."""
-    body = block("quadrilateral")
-    with refused(said):
-        fem.assemble([body], [], [fem.Support(body.name, "top", (0,), within)])

@@ -9,8 +9,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
-from bipot_rs.contact.law.slip_check import measure_distances
-from bipot_rs.fem.checks.inspection import across, review
+from bipot_rs.fem.checks.inspection import review
 
 
 def cube(dim: int, name: str = "a", low: float = 0.0, size: float = 1.0) -> fem.Body:
@@ -102,21 +101,6 @@ def test_warning_of_a_narrow_contact_zone() -> None:
     assert review(model, [narrow, step(model)]) == []
     assert review(model, [narrow, step(model, pressed=0)]) == []
     assert review(model, []) == []
-
-
-def test_across_takes_the_narrow_side() -> None:
-    """A strip of 3 by 20 nodes, rotated in space."""
-    i, j = np.meshgrid(np.arange(3.0), np.arange(20.0))
-    flat = np.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1)
-    turn, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
-    strip = 1e-3 * flat @ turn
-    # Differences of rounding only: all distances are equal.
-    assert across(strip, measure_distances(strip)) == pytest.approx(3, rel=1e-12)
-    assert across(flat[:, :2][:7], np.ones(7)) == 7
-    # Eleven nodes scattered over a disc, as in an irregular mesh, count as more than four.
-    radius, angle = np.sqrt(np.arange(11) / 10), 2.4 * np.arange(11)
-    disc = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
-    assert across(disc, np.full(11, 0.5)) < 4
 
 
 def test_result_reports_sliding_distance() -> None:

@@ -42,35 +42,6 @@ def test_result_comes_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(step["reaction"], STEP["reaction"])
 
 
-def test_datasets_say_what_they_hold(tmp_path: Path) -> None:
-    """Also where a step has axes of its own; names that no table lists have no labels."""
-    frame = np.tile(np.eye(2), (3, 1, 1))
-    step = STEP | {"frame": frame, "drag": np.ones((3, 2)), "mine": np.ones(3)}
-    units = {"length": "mm", "force": "N", "stress": ""}
-    export.write_result(
-        tmp_path / "a.h5",
-        CONTACTS,
-        [step, step],
-        complete=True,
-        fields=lambda k: {"pressure": np.full(3, 1.0 * k), "time": k + 1.0, "load": 0},
-        units=units,
-    )
-    with h5py.File(tmp_path / "a.h5") as file:
-        about = {name: dict(data.attrs) for name, data in file["steps/0001"].items()}
-        assert about["frame"] == {"frame": "global"}
-        assert about["drag"] == {
-            "frame": "global",
-            "dimension": "length",
-            "units": "mm",
-        }
-        assert about["reaction"]["frame"] == "local"
-        assert about["mine"] == about["status"] == {}
-        pressure = file["fields/pressure"]
-        assert (pressure.shape, pressure.attrs["units"]) == ((2, 3), "N/mm²")
-        np.testing.assert_array_equal(pressure[1], [1.0, 1.0, 1.0])
-        np.testing.assert_array_equal(file["fields/time"][()], [1.0, 2.0])
-
-
 @pytest.mark.slow
 def test_more_than_9999_steps_stay_in_order(tmp_path: Path) -> None:
     steps = [{"load": float(k)} for k in range(10_001)]
@@ -80,20 +51,6 @@ def test_more_than_9999_steps_stay_in_order(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5") as file:
         assert "00000" in file["steps"]
         assert "10000" in file["steps"]
-
-
-def test_a_failure_leaves_the_earlier_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    export.write_result(path, CONTACTS, [STEP], complete=False)
-    before = path.read_bytes()
-    with pytest.raises(TypeError):
-        export.write_result(path, {"x": np.array([object()])}, [], complete=True)
-    assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
-    with h5py.File(path) as file:
-        assert file.attrs["format"] == "bipot-result"
-        assert file.attrs["complete"] == np.False_
-        assert file["steps/0000/residual"].shape == ()
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

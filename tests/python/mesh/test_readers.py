@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import skfem
 
-import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.files.series import write_grid
@@ -103,25 +102,6 @@ def test_groups_of_gmsh(form: str, bare: str) -> None:
         assert weights.sum() == pytest.approx(size, rel=1e-13)
         moment = np.einsum("dpq,pq->d", points.places[:, cells], weights)
         near(moment / size, middle, 1e-13)
-
-
-@pytest.mark.parametrize("name", ["quad8.msh", "tetra.msh", "hexahedron27.msh"])
-def test_a_surface_of_a_file_is_the_section_of_a_bolt(name: str) -> None:
-    d, forces = 2 if "quad" in name else 3, []
-    ends = {"left": [0, 0], "right": [2, 2]}
-    wall = {"point": [2, 0, 0][:d], "normal": [1, 0, 0][:d]}
-    for section, more in (("it.middle", {}), ("it.cut", {"cut": [1, 1]})):
-        surface = {key: {"within": {"x": x}} for key, x in (ends | more).items()}
-        m = bp.Model("bar")
-        m.material("steel", young=2.1e5, poisson=0.3)
-        m.body("it", material="steel", mesh=str(DATA / name), surface=surface)
-        m.support("it.left", **dict.fromkeys("xyz"[:d], 0))
-        m.contact("it.right", plane=wall, mu=0.3)
-        m.bolt(section, force=40.0, step=[1, 1])
-        m.path(steps=1)
-        forces.append(m.solve().reaction)
-    assert abs(forces[0]).max() > 0
-    np.testing.assert_array_equal(*forces)
 
 
 @pytest.mark.parametrize("name", ["quad.msh", "tetra10.msh", "hexahedron20.msh"])

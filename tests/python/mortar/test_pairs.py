@@ -286,29 +286,6 @@ def test_rigid_obstacles() -> None:
     assert abs(by_place.B - pairs.B).max() == 0
 
 
-@pytest.mark.parametrize("method", ["mortar", "nodes"])
-def test_gaps_between_circles(method: str) -> None:
-    """Polygons of a ring and a disc: errors of distances scale with the cell size squared."""
-
-    def arc(radius: float, low: float, high: float, n: int) -> tuple[Array, Any]:
-        a = np.linspace(low, high, n + 1)
-        return radius * np.c_[np.cos(a), np.sin(a)], np.c_[
-            np.arange(n), 1 + np.arange(n)
-        ]
-
-    errors = []
-    for n in (8, 16, 32):
-        outer, above = arc(1.1, 0.2, 1.2, n)
-        inner = arc(1.0, 0.0, 1.5, int(1.3 * n))
-        pairs = bp.pairs(outer, above[:, ::-1], *inner, method=method)
-        errors.append(np.sqrt(np.mean((pairs.gap - 0.1) ** 2)))
-        # The normals push the ring away from the disc.
-        np.testing.assert_allclose(pairs.frame[:, 0], pairs.points / 1.1, atol=1.1 / n)
-    # The position of nodes in opposite facets changes from mesh to mesh.
-    assert np.log2(errors[0] / errors[-1]) / 2 > 1.8, errors
-    assert errors[-1] < 1e-3
-
-
 def cap(
     nodes: int, n: int, radius: float, half: float, up: bool
 ) -> tuple[Array, NDArray[np.int64]]:

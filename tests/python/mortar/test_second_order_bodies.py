@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bipot_rs import fem
-from bipot_rs import obstacle as ob
 from support.comparisons import close, near, refused
 
 pytestmark = pytest.mark.needs_extra
@@ -112,39 +111,6 @@ def test_two_parts_of_a_surface_are_the_whole(kind: str) -> None:
     ]
     near(*pushed, 10 * PATCH * P)
     assert (fields["contact_status"][at[fields["contact_pressure"][at] > 0]] == 1).all()
-
-
-@pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
-@pytest.mark.slow_variants("Q8")
-def test_clearances_at_nodes(kind: str) -> None:
-    """For a body, a plane and a moving plane: a linear clearance is reproduced."""
-    bodies = [
-        cube(kind, "high", 0.0, [0.0, 0.45, 1.0]),
-        cube("T3", "low", -1.0, [0.0, 0.3, 0.7, 1.0]),
-    ]
-    floor = {"obstacle": ob.Plane([0, 0, 0], [0, 0, 1.0])}
-    way = ob.Motion([[0, 0, -0.1], [0, 0, -0.2]])
-    ways: list[Any] = [{"against": ("low", "top")}, floor, floor | {"motion": way}]
-
-    def linear(x: Any) -> Any:
-        return 0.1 + x @ [0.3, -0.2, 0.0]
-
-    def made(clearance: Any, **more: Any) -> fem.Assembly:
-        more |= {"clearance": clearance, "pairing": "mortar"}
-        return fem.assemble(bodies, [fem.Contact("high", "bottom", 0.2, **more)])
-
-    for within in (None, {0: (0.0, 0.45)}):
-        values = linear(bodies[0].points[bodies[0].nodes("bottom", within)])
-        for other in ways:
-            one, two = (made(c, within=within, **other) for c in (values, linear))
-            # No skewed quadrilaterals, so the quadrature is exact to rounding.
-            near(one.gap, two.gap, 1e-13)
-            if "motion" in other:
-                first: Any = one.gaps(2)
-                near(first, two.gaps(2), 1e-13)
-                near(first[1, :, 0], one.gap + 0.2, 1e-13)
-    with refused(r"clearance of the contact on 'bottom' has sha"):
-        made(values[1:], **floor)
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])

@@ -317,53 +317,6 @@ def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -
     near(normal[under] + turn[:, 2], 0, 1e-13)
 
 
-def floor(kind: str, n: int) -> tuple[np.ndarray, Any]:
-    """``[-1, 2]²`` in z = 0 of n × n squares: one-sided, two-sided, or a slab."""
-    line = np.linspace(-1, 2, n + 1)
-    x = np.array([(a, b, 0.0) for a in line for b in line])
-    i = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    cells = np.stack([i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]], -1)
-    cells = cells.reshape(-1, 4)
-    up = np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])
-    if kind == "sheet":
-        return x, up
-    if kind == "two sides":
-        return x, np.concatenate([up, up[:, ::-1]])
-    rim = np.concatenate([i[:, 0], i[-1, 1:], i[-2::-1, -1], i[0, -2:0:-1]])
-    on, m = np.roll(rim, -1), len(x)
-    sides = [np.c_[rim, rim + m, on + m], np.c_[rim, on + m, on]]
-    below = np.concatenate([up, up[:, ::-1] + m, *sides])
-    return np.concatenate([x, x - [0, 0, 0.5]]), below
-
-
-@pytest.mark.parametrize("pairing", ["match", "mortar"])
-@pytest.mark.parametrize("n", [3, 7])
-@pytest.mark.parametrize("kind", ["sheet", "two sides", "slab"])
-def test_a_floor_of_triangles_is_a_plane(kind: str, n: int, pairing: str) -> None:
-    """Nodes of the body touch corners, edges and facets of the floor, and its edge."""
-    turn = Rotation.random(random_state=n).as_matrix()
-    x, facets = floor(kind, n)
-    obstacles = [ob.Surface(x @ turn.T, facets), ob.Plane([0, 0, 0], turn[:, 2])]
-    for lower in (0.0, -1.0):  # over the middle; and two-sided, at the edge
-        grid = np.linspace(0, 1, 4)
-        mesh = fem.box([grid + lower, grid + lower, grid], "hexahedron")
-        body = fem.Body("it", placed(mesh, turn @ mesh.p), fem.Material(E, NU))
-        answers = []
-        for obstacle in obstacles:
-            contact = fem.Contact(
-                "it", "bottom", 0.5, obstacle=obstacle, pairing=pairing
-            )
-            model = fem.assemble([body], [contact])
-            load = model.traction("it", "top", turn @ np.array([0.3, 0.2, -1.0]))
-            answers.append((model, model.problem().solve(load, tol=1e-13)))
-        (model, result), (plain, other) = answers
-        near(model.gap, 0, 1e-15)
-        # A dozen roundings of numbers of size 1.
-        np.testing.assert_allclose(model.frame[:, 0], plain.frame[:, 0], atol=1e-14)
-        close(result.displacement, other.displacement, 1e-10)
-        np.testing.assert_array_equal(result.status, other.status)
-
-
 @pytest.mark.parametrize("width", [1 / 3, 0.7])
 @pytest.mark.parametrize("angle", [0.0, 30.0])
 def test_a_punch_of_seven_digits_has_straight_normals_at_its_edge(

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
@@ -88,51 +87,6 @@ def test_turned_as_a_whole_it_is_the_same(pairing: str) -> None:
     size = np.abs(plain.reaction).max()
     near(other.resultant @ turn, plain.resultant, 1e-9 * size)
     near(np.abs(other.slip), np.abs(plain.slip), 1e-9 * WAY)
-
-
-def passed(obstacle: ob.Obstacle, motion: ob.Motion, x: np.ndarray) -> bp.MovingGaps:
-    """Geometry of each step, with tangents to the right of the normals."""
-    met = ob.approach(obstacle, motion, x)
-    n = met.normal[1:]
-    t = np.stack([-n[..., 1], n[..., 0]], axis=-1)
-    return bp.MovingGaps(met.distance[1:], np.stack([n, t], axis=2), met.drag[1:])
-
-
-BED = np.column_stack([np.linspace(-6, 6, 25), np.zeros(25)])
-
-
-def rolling(steps: int, way: float, mu: float) -> bp.Result:
-    """A disc pressed into springs of stiffness 3 that rolls over them."""
-    ways = np.linspace(0.0, way, steps + 1)
-    shift = np.column_stack([ways, np.full(steps + 1, -0.5)])
-    motion = ob.Motion(shift, -ways / 10, about=[0, 10])
-    moving = passed(ob.Cylinder([0.0, 10.0], 10.0), motion, BED)
-    base = np.tile([[0.0, -1.0], [1.0, 0.0]], (len(BED), 1, 1))
-    B = sparse.block_diag(list(base), format="csr")
-    K, gap = 3.0 * sparse.eye_array(BED.size, format="csr"), np.ones(len(BED))
-    problem = bp.ContactProblem(K, B, gap=gap, mu=mu, frame=base, gaps=moving)
-    return problem.solve(tol=TOL)
-
-
-def test_a_disc_rolls_over_a_bed_of_springs() -> None:
-    """Without friction, r = k |g| n at each node inside the disc, and u = |g| n."""
-    result = rolling(6, 3.0, 0.0)
-    for s, step, force in zip(range(7), result, result.resultant, strict=True):
-        arm = BED - [s / 2, 9.5]
-        far = np.linalg.norm(arm, axis=1)
-        u = (np.maximum(10 - far, 0.0) / far)[:, None] * arm
-        near(step.displacement.reshape(-1, 2), u, 1e-12 * 0.5)
-        np.testing.assert_allclose(force, 3.0 * u.sum(axis=0), atol=1e-11)
-
-
-def test_a_rolling_disc_converges_with_the_steps() -> None:
-    """Slip is the motion relative to the surface of the disc: of first order in the step."""
-    forces = [rolling(n, 1.5, 0.2).resultant[-1] for n in (8, 16, 32, 64, 128)]
-    changes = np.linalg.norm(np.diff(forces, axis=0), axis=1)
-    orders = np.log2(changes[:-1] / changes[1:])
-    # Nodes that enter and leave contact between steps disturb the single ratios.
-    assert orders.mean() > 0.8
-    assert changes[-1] < 0.01 * np.linalg.norm(forces[-1])
 
 
 def test_planes_that_move_keep_the_frames_of_the_problem() -> None:

@@ -116,8 +116,8 @@ def with_meshes(page: Path, folder: Path) -> None:
 
 SLOW = [
     *("*-error.md", "*-gmsh.md", "*model.md*", "*-3d.md", "*-results.md", "*-study.md"),
-    *("*body.md*", "*-deck.md", "docs/collection.md", "docs/gallery.md"),
-    *("docs/masonry.md", "docs/published.md"),
+    *("*body.md*", "*-and-contact.md", "*-deck.md", "*-arch.md", "docs/masonry.md"),
+    *("docs/collection.md", "docs/gallery.md", "docs/published.md"),
     *(
         f"docs/tutorials/{name}.md"
         for name in (
@@ -281,6 +281,7 @@ def rows(heading: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
 
 
+@pytest.mark.slow
 def test_accuracy_is_what_the_readme_says() -> None:
     """Every bound of the table holds, and every case of the script has one."""
     cases = runpy.run_path(str(ROOT / "examples" / "accuracy.py"))["CASES"]

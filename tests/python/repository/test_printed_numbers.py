@@ -239,20 +239,3 @@ def test_pictures_match_their_tables(picture: str) -> None:
     path = PAPER / picture
     stamp = script("curves").digest(path.with_suffix(".csv"))
     assert stamp.encode() in path.read_bytes()
-
-
-Points = Sequence[tuple[str, str, float, float]]
-
-
-def agree(shown: Points, fresh: Points) -> None:
-    """Whether curves have the same points, as far as another machine repeats them."""
-    for a, b in zip(shown, fresh, strict=True):
-        assert a[:2] == b[:2]
-        assert abs(a[2] - b[2]) <= max(0.1 * a[2], 2.0), (a, b)
-        # Once a method has found the statuses, only rounding is left.
-        assert max(a[3], b[3]) < 1e-8 or abs(np.log2(a[3] / b[3])) <= 1.0, (a, b)
-
-
-def test_the_curves_of_the_bound() -> None:
-    figure = script("figures_bound")
-    agree(script("curves").read(figure.NUMBERS), figure.points())

@@ -32,7 +32,7 @@ def page() -> str:
 
 
 @pytest.mark.parametrize("name", sorted(NUMBERS))
-@pytest.mark.slow_variants("a1", "a12", "h18", "h19", "h22", "p4", "p6", "p7")
+@pytest.mark.slow_variants("a1", "a12", "h18", "h19", "h22", "p4", "p6", "p7", "p8")
 def test_numbers(name: str) -> None:
     assert [row for row in NUMBERS[name]() if not row.holds()] == []
 
@@ -42,7 +42,7 @@ def test_tractions_of_a_crack() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(REFINED))
-@pytest.mark.slow_variants("a8", "a10", "a13")
+@pytest.mark.slow_variants("a8", "a9", "a10", "a13", "a19")
 def test_refined_meshes(name: str) -> None:
     assert [table for table in REFINED[name](False) if not table.holds()] == []
 

@@ -223,7 +223,7 @@ def draw_structure(seed: int) -> tuple[Structure, dict[str, Any]]:
     return Structure([block], [soil], contacts, dofs), {"prescribed": moved}
 
 
-@pytest.mark.slow_variants(*map(str, range(6, 50)))
+@pytest.mark.slow_variants(*map(str, range(3, 50)))
 @pytest.mark.parametrize("seed", range(50))
 def test_three_methods_have_one_answer(seed: int) -> None:
     structure, path = draw_structure(seed)
@@ -461,6 +461,7 @@ def bear_footing(mu: float, unit: float, length: float) -> float:
     return limits.upper / (unit * length)
 
 
+@pytest.mark.quick_variants("0.3")
 @pytest.mark.parametrize("mu", [0.0, 0.1, 0.3, 10.0])
 def test_limits_beside_a_dead_load_on_its_limit(mu: float) -> None:
     """The ground bears its weight, and contacts nothing: no reaction is inside its cone."""

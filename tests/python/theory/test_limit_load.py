@@ -89,16 +89,16 @@ def test_mechanism_in_space() -> None:
 @pytest.mark.quick_variants("newton")
 def test_a_load_above_the_limit_is_refused(method: str) -> None:
     structure, load = block(0.2)
-    factors = np.array([0.5, 1.0, 1.05, 1.2])[:, None]
-    with pytest.raises(LimitLoadError, match="the load of step 3 is above") as caught:
+    factors = np.array([0.5, 1.0, 1.2])[:, None]
+    with pytest.raises(LimitLoadError, match="the load of step 2 is above") as caught:
         structure.solve(factors * load, method=method)
     error = caught.value
     assert isinstance(error, NoEquilibriumError)
-    assert [step.converged for step in error.steps] == [True] * 3
+    assert [step.converged for step in error.steps] == [True] * 2
     copy = pickle.loads(pickle.dumps(error))
     assert str(copy) == str(error)
     assert np.array_equal(copy.mechanism, error.mechanism)
-    assert len(copy.steps) == 3
+    assert len(copy.steps) == 2
 
 
 @pytest.mark.slow
@@ -134,65 +134,6 @@ def test_a_load_near_the_limit_is_carried() -> None:
     assert settled[2] > 2 * settled[1] > 4 * settled[0]
 
 
-def footing(
-    n: int,
-    beta: float = 0.3,
-    settlements: tuple[float, ...] = (0.04, 0.08, 0.16, 0.32),
-    *,
-    kind: str = "triangle",
-) -> float:
-    """Last force on a smooth strip footing of width 2, α = 0.3."""
-    ticks = np.linspace(0, 1, n + 1)
-    x = np.concatenate([1 - ticks[::-1] ** 2, 1 + 3 * ticks[1:] ** 2])
-    y = -2.5 * np.linspace(1, 0, 3 * n // 2 + 1) ** 1.7
-    body = fem.Body(
-        "ground",
-        second_order(box([x, y], kind), serendipity=True),
-        fem.Material(1e3, 0.3),
-    )
-    top = body.nodes("top")
-    foot = top[body.points[top, 0] <= 1 + 1e-9]
-    base = body.nodes("bottom")
-    sides = np.concatenate([2 * body.nodes("left"), 2 * body.nodes("right")])
-    fixed = np.unique(np.concatenate([sides, 2 * base, 2 * base + 1, 2 * foot + 1]))
-    down = np.isin(fixed, 2 * foot + 1)
-    moved = np.zeros((len(settlements), len(fixed)))
-    moved[:, down] = -np.array(settlements)[:, None]
-    soil = DruckerPrager(0.3, beta, 1 / 0.3)
-    ground = Soil.of_body(body, law=soil)
-    last = Structure([], [ground], None, fixed).solve(None, moved)[-1]
-    return float(-last.support[down].sum())
-
-
-def prandtl() -> float:
-    """Bearing capacity of weightless ground by Prandtl and Reissner."""
-    phi = math.asin(sine(0.3, 0.3))
-    rise = math.tan(math.pi / 4 + phi / 2) ** 2
-    return (math.exp(math.pi * math.tan(phi)) * rise - 1) / 0.3
-
-
-def test_strip_footing() -> None:
-    # Displacement elements give an upper bound, apart from quadrature.
-    assert 1.0 < footing(4) / prandtl() < 1.08
-
-
-@pytest.mark.slow
-def test_strip_footing_under_refinement() -> None:
-    over = [footing(n) / prandtl() - 1 for n in (4, 8)]
-    # At least of first order in the size of the cells at the edge.
-    assert 0 < over[1] < 0.5 * over[0]
-
-
-@pytest.mark.slow
-def test_strip_footing_without_dilatancy() -> None:
-    # Newton's method, passes and the rate term with one hardening all stall at the tenth step;
-    # with less and less hardening the slips settle.
-    steps = tuple(np.linspace(0.005, 0.15, 30)[:12])
-    force = footing(6, 0.0, steps, kind="quadrilateral")
-    # The limit is below that of associated flow, 1.7 % above the closed form on these cells.
-    assert 0.95 < force / prandtl() < 1.02
-
-
 @pytest.mark.parametrize("cells", [3, pytest.param(6, marks=pytest.mark.slow)])
 def test_ground_above_its_limit_is_refused_without_rounding(cells: int) -> None:
     """280 and 1,260 plastic points below a smooth footing, the friction angle 20 degrees."""
@@ -209,7 +150,7 @@ def test_ground_above_its_limit_is_refused_without_rounding(cells: int) -> None:
     (points,), free = ground.points, ground.free
     strain = sparse.csr_array(points.strain)[:, free]
     borne = strain.T @ (points.weights[:, None] * points.rest).ravel()
-    for share in (1.001, 1.1, 1.5, 2.7):
+    for share in (1.001, 2.7):
         motion = find_mechanism(ground, share * limit * load)
         moved, beyond = motion[free], share * limit * load[free] - borne
         assert excludes_balance(strain, beyond, points.law.mu, moved, points.d)

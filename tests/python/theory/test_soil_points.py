@@ -67,12 +67,6 @@ class Step:
         r = self.points.from_tensors(stress)
         return self.points.gap(strain @ X.T, plastic @ X.T, r, self.begin)
 
-    def left_dual(self, bar: Array, stress: Array) -> Array:
-        """``W0(σ̄) - W0(σ) + b_l*(σ̄, σ)``: of a minimum, the sum of the conjugates."""
-        ends = [self.points.from_tensors(y) - self.begin for y in (bar, stress)]
-        stored = [0.5 * np.sum(y**2 / self.points.springs, axis=1) for y in ends]
-        return stored[0] - stored[1] + self.soil.left_dual(bar, stress)
-
 
 def admissible(soil: DruckerPrager, stress: Array) -> Array:
     """Nearest stresses of the criterion; twice, as near the apex rounding is relative."""
@@ -133,50 +127,13 @@ def test_gap_is_zero_on_the_law_and_positive_elsewhere(soil: DruckerPrager) -> N
         assert (gap[away] > 1e-9 * size**2).all()
 
 
-@pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
-def test_the_flow_of_beta_is_the_least(soil: DruckerPrager) -> None:
-    step, strain = drawn(soil)
-    rng = np.random.default_rng(8)
-    stress = admissible(soil, rng.normal(size=(N, 6)))
-    least = step.bipotential(strain, stress)
-    _, p = step.respond(strain, step.limit(stress))
-    unit = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) / 3
-    for size in (0.01, 0.1, 1.0):
-        q = p + size * rng.normal(size=(N, 6))
-        # Into the cone of the dilatancy: more volume.
-        volume = 3 * (q @ unit)
-        e = q - volume[:, None] * unit
-        lack = soil.dilatancy * np.linalg.norm(e, axis=1) - volume
-        q = q + (np.maximum(lack, 0.0) + 1e-12)[:, None] * unit
-        value = step.separate(strain, q, stress)
-        assert (value >= least - 1e-12).all()
-
-
-@pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
-def test_left_dual_is_the_conjugate(soil: DruckerPrager) -> None:
-    step, strain = drawn(soil)
-    rng = np.random.default_rng(9)
-    stress = admissible(soil, rng.normal(size=(N, 6)))
-    # The supremum over strains is attained where the stress is that of the frozen limits.
-    response, _ = step.respond(strain, step.limit(stress))
-    value = np.sum(response * strain, axis=1) - step.bipotential(strain, stress)
-    dual = step.left_dual(response, stress)
-    assert dual == pytest.approx(value, abs=1e-12)
-    # Fenchel's inequality at other strains.
-    other = rng.normal(size=(N, 6))
-    below = np.sum(response * other, axis=1) - step.bipotential(other, stress)
-    assert (below <= dual + 1e-12).all()
-    # On the law the dual is zero: (13a) and (8) are equivalent.
-    assert np.abs(step.left_dual(stress, stress)).max() < 1e-13
-
-
 def convexity(poisson: float, rng: np.random.Generator) -> float:
     """Least second difference of ``β(ε, ·)`` on random segments, α = 0.9, β = 0."""
     soil = DruckerPrager(0.9, 0.0, 0.2)
     bulk = 2 * (1 + poisson) / (3 * (1 - 2 * poisson))  # G = 1
-    ones = np.ones(20000)
-    step = Step(soil, bulk * ones, ones, np.zeros((20000, 6)))
-    strain = rng.normal(size=(20000, 6))
+    ones = np.ones(4000)
+    step = Step(soil, bulk * ones, ones, np.zeros((4000, 6)))
+    strain = rng.normal(size=(4000, 6))
     ends = [admissible(soil, 3 * rng.normal(size=strain.shape)) for _ in range(2)]
     middle = admissible(soil, 0.5 * (ends[0] + ends[1]))
     values = [step.bipotential(strain, y) for y in (*ends, middle)]

@@ -94,6 +94,7 @@ def test_patch_test(cell: str) -> None:
     assert np.abs(step.plastic_strain[0] - plastic).max() < 1e-11
 
 
+@pytest.mark.quick_variants("newton")
 @pytest.mark.parametrize("method", ["newton", "displacements"])
 def test_triaxial_compression(method: str) -> None:
     """A cube under the cell pressure 0.5, then compressed along z to a strain of 4 %."""
@@ -145,6 +146,7 @@ def plane_limit(beta: float) -> float:
     return 2 * SOIL.apex * sine / (1 - sine)
 
 
+@pytest.mark.slow_variants("*-triangle")
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 @pytest.mark.parametrize("beta", [0.0, 0.2, 0.5])
 def test_plane_compression(cell: str, beta: float) -> None:
