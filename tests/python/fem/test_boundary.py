@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from bipot_rs import fem
 from bipot_rs.fem.checks.inspection import inspect
-from bipot_rs.obstacle.shapes import Sphere, Union
+from bipot_rs.obstacle.motion import Motion
+from bipot_rs.obstacle.shapes import Plane, Sphere, Union
 from support.boxes import CELLS, box, placed
 from support.comparisons import close, near, refused
 
@@ -319,6 +320,28 @@ def test_held_nodes_that_touch(seed: int, between: str, pairing: Any) -> None:
     model = fem.assemble(bodies, [contact], held)
     assert not model.gap.any()
     assert model.problem().solve(model.pressure("it", "top", 1.0)).success
+
+
+def test_held_nodes_on_a_floor_that_slides_far() -> None:
+    """Places in the frame of the floor have the rounding of its motion."""
+    for angle in (0.1, 0.3, 0.7, 1.1):
+        along, up = np.array(
+            [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+        )
+        mesh = box("quadrilateral", 6)
+        places = np.outer(along, mesh.p[0]) + np.outer(up, mesh.p[1])
+        slide = Motion(translation=np.outer([370.0, 1000.0], along))
+        model = fem.assemble(
+            [fem.Body("it", placed(mesh, places), STEEL)],
+            [
+                fem.Contact(
+                    "it", "bottom", 0.3, obstacle=Plane([0, 0], up), motion=slide
+                )
+            ],
+            [fem.Support("it", "bottom", (0, 1))],
+        )
+        press = model.pressure("it", "top", 1.0)
+        assert model.problem().solve([press, press]).success
 
 
 @pytest.mark.parametrize("radius", [30.0, 3e3, 1e5])

@@ -52,28 +52,27 @@ def follow_obstacle(
     smooth, nodal = split_clearance(contact, side)
     clearance = smooth(side.body.points[nodes]) + nodal[nodes]
     distance = _drop_rounding(
-        met.distance + clearance, side.body.points[nodes], obstacle
+        met.distance + clearance, side.body.points[nodes], obstacle, motion
     )
     return met._replace(distance=distance)
 
 
-def _drop_rounding(
-    gap: Floats, points: Floats, obstacle: Obstacle | None = None
-) -> Floats:
+def _drop_rounding(gap: Floats, points: Floats, *others: object) -> Floats:
     """Gaps without the rounding of coordinates: zero where nodes touch.
 
-    A node that supports hold may not penetrate, however little.
+    A node that supports hold may not penetrate, however little. ``others``: an obstacle and
+    its motion.
     """
-    size = max(float(np.abs(points).max(initial=0.0)), _measure(obstacle))
+    size = max([float(np.abs(points).max(initial=0.0)), *map(_measure, others)])
     rounding = 8 * np.finfo(np.float64).eps * size
     return np.where(np.abs(gap) <= rounding, 0.0, gap)
 
 
-def _measure(obstacle: object) -> float:
-    """The largest coordinate or radius of an obstacle, whose rounding its distances have."""
-    sizes = [_measure(part) for part in getattr(obstacle, "obstacles", ())]
-    for name in ("point", "centre", "radius", "major_radius"):
-        value = np.asarray(getattr(obstacle, name, 0.0))
+def _measure(part: object) -> float:
+    """The largest length of an obstacle or a motion, whose rounding distances have."""
+    sizes = [_measure(inner) for inner in getattr(part, "obstacles", ())]
+    for name in ("point", "centre", "radius", "major_radius", "translation", "about"):
+        value = np.asarray(getattr(part, name, 0.0))
         # Obstacles of users may have anything by these names.
         if value.dtype.kind in "fiu":
             sizes.append(float(np.abs(value).max(initial=0.0)))
@@ -109,7 +108,7 @@ def weigh_obstacle(
     means = weights.clearance[states:].reshape(states - 1, slave.dim, len(weights.node))
     drag[1:] = means.transpose(0, 2, 1)
     gap = weights.clearance[:states] + weights.slave @ nodal
-    gap = _drop_rounding(gap, side.body.points[weights.node], obstacle)
+    gap = _drop_rounding(gap, side.body.points[weights.node], obstacle, motion)
     return slave, weights, Approach(met.normal, gap, drag)
 
 
