@@ -218,7 +218,7 @@ def _describe_worst(tried: FailedSolve, r: Floats, v: Floats, scale: Floats) -> 
         return ""
     kind, i = np.unravel_index(int(np.argmax(missed)), missed.shape)
     if missed[kind, i] == 0:
-        if tried.modes().size:
+        if tried.loads().size:
             return "each contact satisfies the law, but forces are not in balance"
         return ""
     slip = float(np.linalg.norm(v[i, 1:]))

@@ -2,6 +2,7 @@
 
 import pickle
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,11 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs.contact.law.contact_law import ContactLaw
-from bipot_rs.contact.messages.diagnosis import measure_violations
+from bipot_rs.contact.messages.diagnosis import (
+    FailedSolve,
+    diagnose,
+    measure_violations,
+)
 from support.methods import METHODS
 
 Array = NDArray[np.float64]
@@ -312,3 +317,20 @@ def test_the_message_is_kept_without_the_problem() -> None:
     other = bp.ReducedProblem(W, q, 0.3).solve("uzawa", max_iterations=2)
     W[3, 5] = np.nan
     assert other.message.startswith("not converged: 2 iterations of 'uzawa'")
+
+
+def test_many_rigid_motions_are_not_made_dense() -> None:
+    """Of 15,000 contacts between blocks they would take 10 GB, for a message."""
+
+    def refuse() -> Any:
+        raise MemoryError
+
+    n = 600
+    solution = bp.ReducedProblem(np.eye(2), [[1.0, 0.0]], 0.3).solve()
+    apart = np.tile([1.0, 0.0, 0.0], (n, 1))
+    stopped = replace(
+        solution, reaction=0 * apart, outcome=bp.Outcome.STALLED, residual=1.0
+    )
+    tried = FailedSolve("auto", None, ContactLaw(np.full(n, 0.3)), lambda: None, modes=refuse,
+        loads=lambda: np.ones(6), several=lambda _: False)  # fmt: skip
+    assert "forces are not in balance" in diagnose(tried, stopped, apart)
