@@ -1,7 +1,6 @@
 """Springs and planes of symmetry."""
 
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -89,40 +88,6 @@ def test_contact_areas_have_the_thickness_of_the_body(pairing: str) -> None:
         model = fem.assemble([upper, lower], [contact])
         # Sums of a few numbers.
         assert model.area.sum() == pytest.approx(0.5, rel=1e-13)
-
-
-@pytest.mark.parametrize(
-    ("cell", "degree"), list(product(("quadrilateral", "hexahedron"), (1, 2)))
-)
-def test_half_a_body_with_symmetry_equals_the_whole(cell: str, degree: int) -> None:
-    """A block pressed on a plane with friction, and its half with a plane of symmetry."""
-    d, n, grid = CELLS[cell], np.eye(CELLS[cell])[-1], np.linspace(0, 1, 3)
-
-    def solved(x: Floats, *symmetries: fem.Symmetry) -> tuple[fem.Assembly, Any]:
-        mesh = fem.box([x] + [grid] * (d - 1), cell)
-        body = fem.Body("it", mesh if degree == 1 else fem.second_order(mesh), STEEL)
-        contact = fem.Contact("it", "bottom", 0.2, plane=(0 * n, n))
-        support = fem.Support("it", "top", tuple(range(1, d - 1)))
-        model = fem.assemble([body], [contact], [support], symmetries=symmetries)
-        # More pressure at the edge than in the middle: the foot spreads and slips.
-        load = model.traction(
-            "it", "top", lambda x: -np.multiply.outer(n, 1 + x[0] ** 2)
-        )
-        moved = model.prescribed([[0.0] * (d - 2)])
-        return model, model.problem().solve(load, moved, tol=1e-12)
-
-    whole, all_of_it = solved(np.linspace(-1, 1, 5))
-    half, part = solved(grid, fem.Symmetry("it", "left"))
-    nodes = [int(np.argmin(np.abs(whole.points - x).sum(axis=1))) for x in half.points]
-    np.testing.assert_allclose(whole.points[nodes], half.points, atol=1e-14)
-    middle = half.points[:, 0] == 0
-    share = np.where(middle, 0.5, 1.0)
-    np.testing.assert_allclose(half.area, whole.area[nodes] * share, rtol=1e-13)
-    r, wanted = part.reaction[0], all_of_it.reaction[0, nodes]
-    scale = (wanted[:, 0] * share).max()
-    near(r[:, 0], wanted[:, 0] * share, 1e-7 * scale)
-    near(r[~middle, 1:], wanted[~middle, 1:], 1e-7 * scale)
-    assert 1 in part.status[0]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.linalg import null_space, subspace_angles
 from scipy.spatial.transform import Rotation
 
@@ -52,14 +51,6 @@ def test_the_columns_span_the_null_space(seed: int) -> None:
     # Loads that were changed stay the same bits.
     once = tied.load(np.random.default_rng(1).normal(size=n))
     assert tied.load(once) is once
-
-
-def test_no_relations_change_nothing() -> None:
-    tied = make_ties([], np.array([1]), np.zeros((3, 2)))
-    K = sparse.csr_array(np.diag(np.arange(1.0, 7.0)))
-    assert (tied.stiffness(K) != K).nnz == 0
-    f = np.arange(6.0)
-    assert tied.load(f) is f
 
 
 @pytest.mark.parametrize("sides", [("left",), ("left", "front")])

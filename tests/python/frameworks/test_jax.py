@@ -67,15 +67,6 @@ def one_contact() -> bp.ContactProblem:
     return bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
 
 
-def test_a_point_on_springs() -> None:
-    """Pressed by P and pulled beyond μ P, its friction is -μ P: the value, under jit."""
-    load = jnp.array([-10.0, 5.0])
-    f = jax.jit(lambda load, mu: bp.jax.solve(one_contact(), load, mu=mu).reaction)
-    np.testing.assert_allclose(f(load, 0.3)[0, 0], [10.0, -3.0], rtol=1e-9)
-    several = jax.vmap(f, in_axes=(None, 0))(load, jnp.array([0.1, 0.2, 0.9]))
-    np.testing.assert_allclose(several[:, 0, 0, 1], [-1.0, -2.0, -5.0], rtol=1e-9)
-
-
 def test_derivatives_of_a_point_on_springs() -> None:
     """The friction of a sliding point is -μ P: d/dμ = -P and d/dP = -μ."""
     load = jnp.array([-10.0, 5.0])

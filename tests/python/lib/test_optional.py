@@ -1,7 +1,5 @@
 """Without an optional library the rest works, and the message names the extra."""
 
-import re
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -79,31 +77,3 @@ def test_import_error_inside_a_library_is_unchanged() -> None:
     assert missing(within, "files", "h5py", "io") is within
     without = ModuleNotFoundError("No module named 'h5py'", name="h5py")
     assert missing(without, "files", "h5py", "io") is not without
-
-
-def brought(extra: str, extras: dict[str, list[str]]) -> set[str]:
-    """Libraries that an extra installs, including those of the extras it names."""
-    libraries = set()
-    for line in extras[extra]:
-        if inner := re.fullmatch(r"bipot-rs\[(.*)\]", line):
-            libraries |= set().union(*(brought(e, extras) for e in inner[1].split(",")))
-        else:
-            libraries.add(re.split(r"[<>=~! ]", line)[0])
-    return libraries
-
-
-@pytest.fixture
-def installed_by(repository: Path) -> dict[str, set[str]]:
-    """The libraries of each extra."""
-    project = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
-    extras = project["project"]["optional-dependencies"]
-    return {extra: brought(extra, extras) for extra in extras}
-
-
-def test_the_extra_all_has_every_library_that_pip_can_install(
-    installed_by: dict[str, set[str]],
-) -> None:
-    """A new extra belongs to it, or to those that depend on the machine."""
-    others = {"all", "dev", "docs", "petsc", "jax", "torch"}
-    rest = [installed_by[extra] for extra in installed_by if extra not in others]
-    assert installed_by["all"] == set().union(*rest)

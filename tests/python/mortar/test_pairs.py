@@ -367,24 +367,6 @@ def test_boxes_side_by_side_are_those_of_comparing_all(d: int) -> None:
     assert met > 4_000
 
 
-@pytest.mark.slow
-def test_layers_are_found_among_many_facets() -> None:
-    """One facet below a fine mesh: inside, at its edge, and covering only part of a facet."""
-    slave = sheet(4, 1, up=False, low=-0.5, high=1.5)
-    x, facets = sheet(4, 40, up=True)
-    facets = np.concatenate([facets, [len(x) + np.arange(4)]])
-    rng = np.random.default_rng(4)
-    for _ in range(20):
-        below = np.append(rng.uniform(0, 0.98, 2), -0.1)
-        size = 10 ** rng.uniform(-2.5, 0)
-        square = size * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-        with refused("lies in several layers opposite to fac"):
-            bp.pairs(*slave, np.concatenate([x, below + square]), facets)
-        aside = np.concatenate([x, square + np.array([1.01, *below[1:]])])
-        pairs = bp.pairs(*sheet(4, 1, up=False, low=-3, high=3), aside, facets)
-        assert pairs.area.sum() == pytest.approx(1 + size**2, rel=1e-12)
-
-
 @pytest.mark.parametrize("corners", [3, 4])
 def test_nodal_areas_integrate_linear_functions(corners: int) -> None:
     """Σ A and Σ A x of a tilted surface are its area and moments, by the shoelace formula."""

@@ -48,18 +48,6 @@ def test_scikit_fem(capsys: pytest.CaptureFixture[str]) -> None:
     assert abs(force[0, 0]) <= 1e-9 * force[0, 1]
     assert force[1, 0] < 0 < force[1, 1]
     assert {0, 1, 2} <= set(result.status.ravel().tolist())
-    # Near the crown the bar is a parabola with its radius: the clearance of the scene.
-    m = bp.Model("as a scene")
-    m.material("steel", young=space["YOUNG"], poisson=space["POISSON"])
-    sides = {"x": np.linspace(-2.0, 2.0, 13), "y": np.linspace(0.0, 2.0, 7)}
-    m.body("block", material="steel", cell="quadrilateral", **sides)
-    m.support("block.top", x=m.times(0.01, "drag"), y=-0.02)
-    plane = {"point": [0, 0], "normal": [0, 1]}
-    m.contact("block.bottom", mu=0.2, plane=plane, clearance={"radius": 50.0})
-    m.path(drag=[0.0, 1.0])
-    own_force = m.solve().contact_force("block.bottom")
-    # Normals rotate by x/R, 0.04 at the open ends of the bar, 0.02 where it is closed.
-    np.testing.assert_allclose(force[:, 1], own_force[:, 1], rtol=0.02)
     space["main"]()
     assert "residual" in capsys.readouterr().out
 
