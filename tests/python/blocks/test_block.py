@@ -44,14 +44,6 @@ def test_a_polygon_in_either_direction() -> None:
         assert np.abs(block.centre - expected).max() < ROUNDING
 
 
-def test_normals_point_outwards() -> None:
-    for block in (box("a", (0, 0), (2, 1)), box("a", (0, 0, 0), (2, 1, 3))):
-        outwards = np.sum(block.normals * (block.middles - block.centre), axis=1)
-        assert (outwards > 0).all()
-        # The divergence theorem for constant fields.
-        assert np.abs(block.normals.sum(axis=0)).max() < ROUNDING
-
-
 WHOLE = box("lintel", (0, 0, 0), (1, 1, 1))
 REFUSED: list[tuple[object, object, str]] = [
     (WHOLE.points, WHOLE.faces[:-1], r"'bad' is open: the edge from \(.*\) to \("),

@@ -399,10 +399,7 @@ def test_friction_acts_where_only_the_shortening_slips() -> None:
     ("section", "message"),
     [
         (([0.0, 8.5], [0.0, 1.0]), "cuts the body at several places, near"),
-        (([0.0, 50.0], [0.0, 1.0]), "does not meet body 'frame'"),
         (([0.0, 5.0, 0.0], [0.0, 1.0, 0.0]), "needs a point and a normal of 2 numbers"),
-        ("no", "has no surface 'no'"),
-        ("y12", "is on the boundary of the body at"),
     ],
 )
 def test_sections_that_cut_no_shank(section: Any, message: str) -> None:

@@ -129,15 +129,6 @@ def sheared(go: list[float], across: float, down: Any, at: float, mu: float) -> 
     return m
 
 
-def test_model_reports_sliding_distance() -> None:
-    down = bp.Model.times(-0.1, "go")
-    of_problem, *of_model = sheared([0.1, 1.0], 0.3, down, 0.05, 2.0).solve().remarks
-    assert of_problem.startswith("5 of the 5 contacts penetrate")
-    # Sheared by 0.3 over a height of 1: a rotation and a strain of about 0.15 each.
-    assert [warning.split()[0] for warning in of_model[:2]] == ["rotations", "strains"]
-    assert all("in load step 2 of 2" in warning for warning in of_model)
-
-
 def test_a_continued_path_counts_load_steps_from_its_start() -> None:
     still: Any = (0.01, -0.01, 0.0, 0.3)
     two = sheared([0.1, 0.2], *still).solve()

@@ -89,19 +89,6 @@ def test_rows_with_inclined_supports(degree: int) -> None:
         np.testing.assert_allclose(rows, wanted, rtol=0, atol=1e-14 * model.K.max())
 
 
-def test_without_stiffness_all_other_arrays_are_the_same() -> None:
-    body = fem.Body("it", bent("tetrahedron", 1, 0.0), fem.Material(1.0, 0.3))
-    contact = fem.Contact("it", "bottom", 0.3, plane=([0, 0, -0.1], [0, 0, 1]))
-    given = [body], [contact], [fem.Support("it", "top", (0, 1, 2))]
-    whole = fem.assemble(*given)
-    bare = fem.assemble(*given, stiffness=False)
-    assert bare.K is None
-    assert bare.n == whole.n == whole.K.shape[0]
-    assert (bare.B != whole.B).nnz == 0
-    for name in ("gap", "mu", "area", "points", "frame", "fixed", "contact_dofs"):
-        np.testing.assert_array_equal(getattr(bare, name), getattr(whole, name))
-
-
 def test_a_folded_cell_has_its_number_in_the_whole_mesh() -> None:
     mesh = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
     cells = mesh.t.copy()

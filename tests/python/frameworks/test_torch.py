@@ -62,25 +62,6 @@ def test_gradcheck_of_a_path_with_friction() -> None:
     )
 
 
-def test_a_point_on_springs() -> None:
-    """The friction of a sliding point is -μ P: d/dμ = -P and d/dP = -μ, in both modes."""
-    problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
-    load = torch.tensor([-10.0, 5.0], dtype=torch.float64, requires_grad=True)
-    mu = torch.tensor(0.2, dtype=torch.float64, requires_grad=True)
-
-    def friction(load: Any, mu: Any) -> Any:
-        return bp.torch.solve(problem, load, mu=mu).reaction[0, 0, 1]
-
-    value = friction(load, mu)
-    np.testing.assert_allclose(value.item(), -2.0, rtol=1e-9)
-    value.backward()
-    np.testing.assert_allclose(load.grad.numpy(), [0.2, 0.0], atol=1e-10)
-    np.testing.assert_allclose(mu.grad.numpy(), -10.0, rtol=1e-10)
-    along = torch.tensor(1.0, dtype=torch.float64)
-    _, slope = torch.func.jvp(lambda mu: friction(load.detach(), mu), (mu,), (along,))
-    np.testing.assert_allclose(slope.item(), -10.0, rtol=1e-10)
-
-
 def test_transforms_of_functions() -> None:
     """Jacobians in both modes, and a batch of paths and of gradients."""
     problem: Any = smooth_problem.Smooth()

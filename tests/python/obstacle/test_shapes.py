@@ -86,17 +86,6 @@ def test_properties_of_every_obstacle(name: str) -> None:
     np.testing.assert_allclose(grown, 1e-6, rtol=1e-6)
 
 
-def test_sphere_and_cylinder_by_hand() -> None:
-    closest = ob.Sphere([1, 0, 0], 2.0).closest(np.array([[1.0, 0, 5], [1, 1, 0]]))
-    np.testing.assert_allclose(closest.distance, [3, -1], rtol=EXACT)
-    np.testing.assert_allclose(closest.normal, [[0, 0, 1], [0, 1, 0]], atol=EXACT)
-    closest = ob.Cylinder([0, 0, 9], 2.0, axis=[0, 0, -3], inside=True).closest(
-        np.array([[0.0, 1.5, 0], [3, 0, 1e6]])
-    )
-    np.testing.assert_allclose(closest.distance, [0.5, -1], rtol=EXACT)
-    np.testing.assert_allclose(closest.normal, [[0, -1, 0], [-1, 0, 0]], atol=EXACT)
-
-
 def test_torus_by_hand() -> None:
     """Above, inside and next to the tube, and at the centre of the ring."""
     x = np.array([[0, 2.0, 1.5], [2.25, 0, 0], [0, -3, 0], [0, 0, 0], [0, 0, 1.5]])

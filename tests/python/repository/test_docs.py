@@ -264,15 +264,6 @@ def test_examples_of_docstrings(
     assert outcome.attempted or module not in EXAMPLES[-3:]
 
 
-def test_commands_exist() -> None:
-    """`make X` in a document is a target of the Makefile."""
-    rules = (ROOT / "Makefile").read_text("utf-8")
-    targets = set(re.findall(r"^([a-z-]+):", rules, re.MULTILINE))
-    for page in PAGES:
-        named = re.findall(r"(?:^|`)make ([a-z-]+)", page.read_text("utf-8"), re.M)
-        assert set(named) <= targets, page
-
-
 def rows(heading: str) -> list[list[str]]:
     """Cells of the table rows below a heading of the README, without the header."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
