@@ -398,6 +398,10 @@ def under(*components: int) -> Contact:
             [Support("it", None, (0,), within={0: (0.1, 0.2)})],
         ),
         (
+            "within of surface 'top' .* has axis 5, expected one of",
+            [Support("it", "top", (0,), within={5: (0.0, 1.0)})],
+        ),
+        (
             "only a rigid set has a prescribed motion",
             [Remote("a", "it", "top", components=[0], distributed=True)],
         ),
