@@ -76,6 +76,10 @@ class Block:
             raise ValueError(
                 f"density of block {name!r} is {self.density:g}, expected at least 0"
             )
+        if not isinstance(support, bool | np.bool_):
+            raise TypeError(
+                f"support of block {name!r} is {show_value(support)}, expected a bool"
+            )
         self.support = bool(support)
         # All that follows is relative to a point of the block: far from the origin,
         # products of coordinates lose their digits.

@@ -378,6 +378,8 @@ def assemble(
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"two blocks have the name {twice!r}")
+    if isinstance(supports, str) or not isinstance(supports, Collection):
+        raise TypeError(f"supports is {show_value(supports)}, expected names of blocks")
     held = {_number_block(blocks, name) for name in supports}
     blocks = [_hold(block) if k in held else block for k, block in enumerate(blocks)]
     if not any(block.support for block in blocks):

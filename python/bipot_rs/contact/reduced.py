@@ -325,6 +325,8 @@ class ReducedProblem:
 
         restarts = positive("restarts", restarts)
         seed = integer("seed", seed, least=0)
+        if not len(self.q):
+            return Answers([self.solve()], complete=True)
         exhausted = self._problem.answers()
         if exhausted is not None:
             cores, complete = exhausted
@@ -385,6 +387,8 @@ class ReducedProblem:
         >>> round(middle.least, 12), round(middle.largest, 12)
         (0.0, 1.0)
         """
+        if not len(self.q):
+            raise ValueError(f"contact is {contact}, but the problem has no contacts")
         contact = integer("contact", contact, least=0, most=len(self.q) - 1)
         return self._ranges([contact], component, solution)[0]
 
@@ -433,6 +437,8 @@ class ReducedProblem:
                     f"solution has the residual {eta:.1e} in this problem: pass a solution of "
                     "this problem, or leave it out"
                 )
+        if not contacts:
+            return []
         return find_ranges(
             self.W, self.q, self.mu, self.rigid, solution, contacts, component
         )

@@ -1,5 +1,7 @@
 """From blocks to a reduced problem: closed forms, invariances, messages."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -52,6 +54,29 @@ def test_the_friction_that_could_hold(slope: float, words: str, space: bool) -> 
     solution = problem.solve()
     assert solution.outcome == "no_equilibrium"
     assert f"{words}; add a support" in solution.message
+
+
+@pytest.mark.parametrize(
+    ("mu", "words"),
+    [
+        # By hand, 0.4 times the normal force of the floor; the wall bears nothing.
+        ([1e-6, 1e-6], r"contact could balance the loads from mu = 0\.40\d? on"),
+        # Friction of the floor could, but it has none that can grow.
+        (
+            [0.0, 0.3],
+            "no more friction at contacts that have some could balance the loa",
+        ),
+    ],
+)
+def test_friction_that_is_missing_is_not_called_useless(
+    mu: list[float], words: str
+) -> None:
+    """A point on a floor, pulled off a wall."""
+    R = [[0.0, 1.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+    problem = bp.ReducedProblem(
+        np.zeros((4, 4)), np.zeros((2, 2)), mu, rigid=(R, [0.4, -1.0])
+    )
+    assert re.search(words, problem.equilibrium().reason)
 
 
 def test_the_weight_is_density_times_volume() -> None:
@@ -240,6 +265,15 @@ def test_blocks_that_cannot_be_assembled() -> None:
         bp.blocks.assemble([ground, box("b", (0, 0, 0), (1, 1, 1))], 0.5)
     with pytest.raises(TypeError, match="blocks has a str, expected Blocks"):
         bp.blocks.assemble(["ground"], 0.5)  # type: ignore[list-item]
+    # A name is not taken for the names of its letters.
+    with pytest.raises(
+        TypeError, match="supports is 'ground', expected names of block"
+    ):
+        bp.blocks.assemble([ground], 0.5, supports="ground")
+    with pytest.raises(
+        TypeError, match="support of block 'b' is 'no', expected a bool"
+    ):
+        Block("b", ground.points, support="no")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("space", [False, True])

@@ -32,6 +32,8 @@ _ROUNDING = 1e-15
 _NEGATIVE = 1e-6
 # Coupling below this part of the diagonal is rounding error of the elimination.
 _UNCOUPLED = 1e-12
+# A point whose rounding is a larger share of η has not converged.
+_LEAST_DIGITS = 1e-6
 # Numbers below have fewer digits, and squares of numbers above overflow.
 _SMALL, _LARGE = 1e-300, 1e300
 
@@ -91,7 +93,7 @@ def _write_sentence(tried: FailedSolve, solution: Solution, v: Floats) -> str:
         W = None  # the caller has changed it
     scale = _find_scale(W, v, solution.reaction)
     parts = [f"not converged: {_describe_end(tried, solution)}"]
-    worst = _describe_worst(tried, solution.reaction, v, scale)
+    worst = _describe_worst(tried, solution, v, scale)
     if worst:
         parts.append(worst)
     findings = list(_find_faults(tried, solution, v, W))
@@ -212,13 +214,17 @@ def measure_violations(r: Floats, v: Floats, law: ContactLaw, scale: Floats) -> 
     )
 
 
-def _describe_worst(tried: FailedSolve, r: Floats, v: Floats, scale: Floats) -> str:
+def _describe_worst(
+    tried: FailedSolve, solution: Solution, v: Floats, scale: Floats
+) -> str:
+    r = solution.reaction
     missed = measure_violations(r, v, tried.law, scale)
     if not missed.size or not np.isfinite(missed).all():
         return ""
     kind, i = np.unravel_index(int(np.argmax(missed)), missed.shape)
     if missed[kind, i] == 0:
-        if tried.loads().size:
+        # η contains the balance of forces.
+        if tried.loads().size and solution.residual > solution.tolerance:
             return "each contact satisfies the law, but forces are not in balance"
         return ""
     slip = float(np.linalg.norm(v[i, 1:]))
@@ -262,6 +268,7 @@ def _find_faults(
             _check_range(W, v),
             _check_definite(tried, W, scaled, modes),
             _check_rounding_of_slip(tried, W, solution.reaction, v),
+            _check_rounding_of_motions(tried, W, solution, v),
         ):
             if sure is not None:
                 yield sure
@@ -378,6 +385,41 @@ def _check_rounding_of_slip(
         f"rounding: the reactions satisfy the law, except for mu = {most[i]:.0e} times the "
         f"rounding error {hidden[i]:.0e} of the slip of {_name_contact(tried, i)}",
         "a smaller mu, which gives the same solution while contacts stick",
+        True,
+        True,
+    )
+
+
+def _check_rounding_of_motions(
+    tried: FailedSolve, W: Floats, solution: Solution, v: Floats
+) -> Finding | None:
+    """Rigid motions so large that their rounding hides the deformation ``W r``."""
+    modes, a, r = tried.modes(), solution.rigid_motion, solution.reaction
+    if not modes.size or a is None:
+        return None
+    free = v.ravel() - W @ r.ravel() - modes @ a
+    pressed = np.repeat(r.any(axis=1), r.shape[1])
+    forces: Floats = r.ravel()
+    if not pressed.any():
+        # From a start without reactions: the smallest that balance the loads.
+        forces, pressed = (
+            np.asarray(np.linalg.lstsq(modes.T, -tried.loads())[0], np.float64),
+            ~pressed,
+        )
+    root = np.sqrt(_find_scale(W, v, r).repeat(r.shape[1]))[pressed]
+    shapes = modes[pressed] / root[:, None]
+    shapes /= np.maximum(np.linalg.norm(shapes, axis=0), _SMALL)
+    span, sizes, _ = np.linalg.svd(shapes, full_matrices=False)
+    span = span[:, sizes > _UNCOUPLED * sizes.max(initial=0.0)]
+    deformed = np.abs(W[pressed]) @ np.abs(forces) / root
+    moved = span @ (span.T @ (free[pressed] / root))
+    share = float(np.linalg.norm(deformed)) / max(float(np.linalg.norm(moved)), _SMALL)
+    if not 0 < share * _LEAST_DIGITS < 4 * np.finfo(float).eps:
+        return None
+    return Finding(
+        f"rounding: pressed contacts deform the bodies by {share:.0e} of the rigid motion "
+        "that closes them only, so that doubles keep too few digits of the deformation",
+        "q or gaps from which this rigid motion is subtracted",
         True,
         True,
     )

@@ -28,8 +28,9 @@ Verdict = Literal["balanced", "none", "undecided"]
 # Solves of a search for the largest multiplier.
 _STEPS = 16
 # The search for the friction that could hold: most contacts, the largest factor on the
-# coefficients, and the ratio of the limits at its end, which takes ten programmes.
-_MOST_CONTACTS, _LARGEST_FACTOR, _CLOSE = 500, 100.0, 1.005
+# coefficients or, if it is larger, one that makes the largest of them so large, and the ratio of
+# the limits at its end, which takes some ten programmes.
+_MOST_CONTACTS, _LARGEST_FACTOR, _LARGEST_FRICTION, _CLOSE = 500, 100.0, 10.0, 1.005
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,7 +218,7 @@ def describe_friction(
 
     ``R (d n_c, k)``, ``load (k,)``: its motions, and the loads on them.
     """
-    words, low, high = name_friction(law.mu), 1.0, _LARGEST_FACTOR
+    words, low = name_friction(law.mu), 1.0
 
     def judge(factor: float) -> str:
         stronger = replace(law, mu=factor * law.mu)
@@ -225,9 +226,16 @@ def describe_friction(
 
     if not law.mu.any() or len(law.mu) > _MOST_CONTACTS:
         return words
+    high = max(_LARGEST_FACTOR, _LARGEST_FRICTION / float(law.mu.max()))
     if (verdict := judge(high)) != "balanced":
-        without = "; no friction could balance the loads"
-        return words + (without if verdict == "none" else "")
+        which = (
+            "no friction"
+            if law.mu.all()
+            else "no more friction at contacts that have some"
+        )
+        return words + (
+            f"; {which} could balance the loads" if verdict == "none" else ""
+        )
     while high > _CLOSE * low:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if judge(middle) == "balanced" else (middle, high)

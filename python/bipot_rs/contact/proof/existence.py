@@ -238,6 +238,8 @@ def judge_existence(
     ``W, q, mu, rigid``: as in `ReducedProblem`, sparse, with isotropic friction.
     ``law``: the law, which has cohesion and dilatancy besides.
     """
+    if not len(q):
+        return Existence(verdict="guaranteed", reason="there are no contacts")
     rubs = mu > 0 if law.cohesion is None else (mu > 0) | (law.cohesion > 0)
     p = _scale_problem(W, q, mu, rigid, rubs)
     symmetric = abs(p.W - p.W.T).max() <= 1e-8

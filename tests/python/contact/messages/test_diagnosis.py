@@ -28,6 +28,7 @@ CAUSES = {
     "limit": r"likely cause: the limit",
     "indefinite": r"W is not positive semidefinite",
     "rounding": r"rounding: the reactions satisfy the law",
+    "motions": r"doubles keep too few digits of the deformation",
     "range": r"near the end of doubles",
     "slides": r"seems to slide away",
     "friction": r"friction alone stops a body",
@@ -227,6 +228,26 @@ def test_a_small_residual_at_a_limit_is_not_enough() -> None:
         in solution.message
     )
     assert "limit" not in names(solution.message)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.0, 1e14])
+def test_rounding_of_large_rigid_motions(shift: float) -> None:
+    """A stiff body that falls by many times its deformation; the reaction is its weight."""
+    W = 1e-12 * np.array([[1.0, 0.2], [0.2, 0.5]])
+    R, weight = np.array([[0.6, 0.8], [0.8, -0.6]]), np.array([-0.5, -0.3])
+    problem = bp.ReducedProblem(
+        W, [R @ [shift / 3, -shift / 7]], 1.0, rigid=(R, weight)
+    )
+    solution = problem.solve(max_iterations=50)
+    assert solution.converged == (shift == 0)
+    if shift:
+        assert names(solution.message) == {"motions"}
+        assert (
+            "q or gaps from which this rigid motion is subtracted" in solution.message
+        )
+        # Forces are not blamed where they balance.
+        left = np.abs(R.T @ solution.reaction.ravel() + weight).max()
+        assert "forces are not in balance" not in solution.message or left > 1e-10
 
 
 def test_several_answers() -> None:

@@ -64,3 +64,16 @@ def test_a_forked_child_solves_few_contacts_after_many() -> None:
         assert np.array_equal(problem(8, 3, 0).solve().reaction, expected)
 
     assert forked(child).returncode == 0
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_without_contacts_nothing_is_unknown(d: int) -> None:
+    problem = bp.ReducedProblem(np.zeros((0, 0)), np.zeros((0, d)), 0.3)
+    assert problem.solve().converged
+    assert problem.existence().verdict == "guaranteed"
+    answers = problem.answers()
+    assert answers.complete
+    assert [answer.reaction.shape for answer in answers] == [(0, d)]
+    assert problem.reaction_ranges() == []
+    with pytest.raises(ValueError, match="contact is 0, but the problem has no contac"):
+        problem.reaction_range(0)
