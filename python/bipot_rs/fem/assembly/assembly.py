@@ -504,7 +504,7 @@ class Assembly:
         dofs = np.array([bolt.first for bolt in self.bolts], np.int64)
         return dofs, np.array([bolt.share for bolt in self.bolts])
 
-    def _name_support(self, dofs: Ints) -> str:
+    def _name_support(self, dofs: Integers) -> str:
         """``support 'body.surface'`` for what holds one of some degrees of freedom."""
         if self.inclined is not None and self.inclined.normals[dofs].nnz:
             return "a plane of symmetry that is not normal to an axis"
