@@ -33,10 +33,7 @@ _MISTAKES: list[tuple[str, ...]] = [
         "obstacle.o.torus.axis: should not be zero",
     ),
     ("contact.1.mu=0.1", "--set contact.1.mu: contact is a list of 1 entry"),
-    (
-        "contact.0.cohesion=-1.0",
-        "contact.0.cohesion: should be greater than or equal to 0, got -1",
-    ),
+    ("contact.0.cohesion=-1.0", "contact.0.cohesion: should be greater than or equal"),
     ("contact.0.dilatancy=9.0", "contact.0.dilatancy: should be at most mu, which is"),
     (
         "contact.0.mu=[0.3,0.2]; contact.0.axis=[1.0,0.0,0.0]; contact.0.cohesion=1.0",
@@ -49,10 +46,7 @@ _MISTAKES: list[tuple[str, ...]] = [
         "body.upper.material: there is no material 'wood', expected one of steel",
         "contact.0.on: there is no surface 'upper.under', expected one of upper",
     ),
-    (
-        "path.amplitude.shear=[1.0]; path.steps=3",
-        "path.amplitude.shear: has 1 factor for 3 steps",
-    ),
+    ("path.amplitude.shear=[1.0]; path.steps=3", "path.amplitude.shear: has 1 factor"),
     (
         "contact.0.on=bottom; support.0.on=tip",
         "support.0.on: there is no body 'tip', expected one of upper, lower",
@@ -65,10 +59,7 @@ _MISTAKES: list[tuple[str, ...]] = [
     ),
     ("path.amplitude.wind=[1.0, 2.0]", "path.amplitude.wind: is not used"),
     ("path.parameter=wind", "path.parameter: there is no amplitude 'wind'"),
-    (
-        "contact.0.against=upper.top",
-        "contact.0.against: should be a surface of another body, got 'upper.top'",
-    ),
+    ("contact.0.against=upper.top", "contact.0.against: should be a surface of"),
     (
         "contact.0.plane={point=[0.0, 0.0, 0.0], normal=[0.0, 0.0, 1.0]}",
         "contact.0: needs exactly one of plane and against",
@@ -110,14 +101,8 @@ ABSURD: list[tuple[list[str], str]] = [
     (["mesh.n=-3"], "mesh.n: should be greater than 0"),
     (["mesh.n=nan"], "mesh.n: should be a valid integer"),
     (["path.steps=1000000000"], "path.steps: should be less than or equal"),
-    (
-        ["path.steps=1000000", "mesh.n=40"],
-        "path: has 1000000 load steps of 68921 nodes",
-    ),
-    (
-        ["body.cube.x.cells='n/0'"],
-        "body.cube.x.cells: should be a valid number, got 'n/0': it divides by zero",
-    ),
+    (["path.steps=1000000", "mesh.n=40"], "path: has 1000000 load steps of 68921"),
+    (["body.cube.x.cells='n/0'"], "body.cube.x.cells: should be a valid number, got"),
     (["body.cube.x.to=1e300"], "body.cube.x.to: is 1e+300, expected zero or"),
     (["body.cube.x={from=0.0, to=1.0, cell=1e-12}"], "body.cube.x: cells from"),
     (["material.steel.young=" + "[" * 100_000], "material.steel.young: should be"),
@@ -133,30 +118,14 @@ NO_TOML = [
 ]
 # Changes of a roller on a block (`rollers.roller`), and their messages.
 _PARTS: list[tuple[str, Any, str]] = [
-    (
-        "body.block.mesh",
-        "a.msh",
-        "body.block.cell: is for a box, but this body has a mesh",
-    ),
-    (
-        "body.block.material",
-        {"a": "soft"},
-        "body.block.material: there is no volume 'a': a box has none",
-    ),
+    ("body.block.mesh", "a.msh", "body.block.cell: is for a box, but this body has a"),
+    ("body.block.material", {"a": "soft"}, "body.block.material: there is no volume"),
     ("body.block.surface.top", {"normal": [0, 1]}, "a box has a surface of this name"),
     ("body.block.surface.a", {}, "body.block.surface.a: needs within or normal"),
-    (
-        "body.block.surface.a",
-        {"normal": [0, 1, 0]},
-        "a.normal: should have 2 components",
-    ),
+    ("body.block.surface.a", {"normal": [0, 1, 0]}, "a.normal: should have 2"),
     ("body.block.surface.a", {"within": {}}, "a.within: is empty"),
     ("material.soft.young", [1.0, 2.0, 3.0], "material.soft: an orthotropic material"),
-    (
-        "material.soft.shear",
-        [1.0, 2.0],
-        "material.soft.shear: number of entries should be at least 3",
-    ),
+    ("material.soft.shear", [1.0, 2.0], "material.soft.shear: number of entries"),
     (
         "material.soft",
         {
@@ -176,22 +145,10 @@ _PARTS: list[tuple[str, Any, str]] = [
     ),
     ("obstacle.disc.move", {}, "obstacle.disc.move: has no component"),
     ("obstacle.disc.move", {"z": 1.0}, "obstacle.disc.move.z: remove it"),
-    (
-        "obstacle.disc.turn.axis",
-        [0, 0, 1],
-        "turn.axis: remove it, the scene has two dimensions",
-    ),
+    ("obstacle.disc.turn.axis", [0, 0, 1], "turn.axis: remove it, the scene has two"),
     ("obstacle.disc.turn.about", [0, 0, 1], "turn.about: should have 2 components"),
-    (
-        "obstacle.disc.cylinder.radius",
-        -1.0,
-        "cylinder.radius: should be greater than 0",
-    ),
-    (
-        "obstacle.other",
-        {"torus": _TORUS},
-        "obstacle.other.torus: needs a scene of three dimensions",
-    ),
+    ("obstacle.disc.cylinder.radius", -1.0, "cylinder.radius: should be greater than"),
+    ("obstacle.other", {"torus": _TORUS}, "obstacle.other.torus: needs a scene of"),
     ("obstacle.other", {"surface": "a.stl"}, "obstacle.other: is not used"),
     ("symmetry", [{"on": "block.lid"}], "there is no surface 'block.lid'"),
     ("spring", [{"on": "block.top"}], "spring.0: needs stiffness, or normal"),
@@ -205,11 +162,7 @@ _PARTS: list[tuple[str, Any, str]] = [
         [{"on": "block.top", "normal": -1.0}],
         "spring.0.normal: should be greater",
     ),
-    (
-        "strain",
-        [{"on": "block"}],
-        "strain.0: needs expansion and temperature, or tensor",
-    ),
+    ("strain", [{"on": "block"}], "strain.0: needs expansion and temperature, or"),
     ("strain", [{"on": "blck", "tensor": [[1, 0], [0, 1]]}], "no body 'blck'"),
     ("strain", [{"on": "block", "tensor": [[1, 0], [1, 1]]}], "should be symmetric"),
     (

@@ -26,13 +26,27 @@ def labels(count: int) -> Any:
 
 def of_dofs(folder: Path, K: Any, contacts: str, load: str = "") -> list[str]:
     """The files of a small problem, of degrees of freedom alone, and their command."""
-    mmwrite(folder / "K.mtx", sparse.coo_matrix(K), symmetry="symmetric")
+    mmwrite(folder / "K.mtx", sparse.coo_matrix(K), symmetry="symmetric", precision=17)
     (folder / "contacts.csv").write_text(contacts)
     command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
     if load:
         (folder / "load.csv").write_text(load)
         command += ["--load", "load.csv"]
     return command
+
+
+def of_nodes(
+    K: Any, nodes: Any, contacts: Any, load: str = "", rows: Any = None, up: int = 1
+) -> list[str]:
+    """The same by nodes of the plane ``(n, 2)``, in the working folder: ``rows`` of the nodes,
+    and contacts with normals along y. Labels are from 1.
+    """
+    table = "node,nx,ny,mu\n" + "".join(f"{k + 1},0,{up},0.3\n" for k in contacts)
+    command = of_dofs(Path(), K, table, load)
+    kept = range(len(nodes)) if rows is None else rows
+    places = (f"{k + 1},{nodes[k, 0].item()!r},{nodes[k, 1].item()!r}\n" for k in kept)
+    Path("nodes.csv").write_text("node,x,y\n" + "".join(places))
+    return [*command, "--nodes", "nodes.csv"]
 
 
 def written(

@@ -1,13 +1,12 @@
 """Dense reference solver of `v = W r + R a + q`, `Rᵀ r + e = 0` under Coulomb's law.
 
 It shares no algorithm with the package: no projection, no sweep over nodes, no fixed
-point. `answers` tries every combination of statuses of a few contacts. It solves the
-equations of each by Newton's method and keeps the solutions that pass `violation`, the
-law (6), (8) as in textbooks. For more contacts: `smoothing.follow`.
+point. `follow` lets the smoothing of a smoothed law go to zero, which gives the statuses; their
+equations are solved by Newton's method, and the solution passes `violation`, the law (6), (8)
+as in textbooks. All solutions of a few contacts in the plane: `cohesive_oracle`.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from itertools import product
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -92,21 +91,20 @@ def newton(p: Problem, law: Law, r: Array, a: Array, steps: int) -> tuple[Array,
     return r, a
 
 
-def known(p: Problem, status: Sequence[int], side: Array | None = None) -> Law:
-    """Equations for given statuses; slip is along `side` (n, d-1), or along v_t itself."""
+def known(p: Problem, status: Sequence[int]) -> Law:
+    """Equations for given statuses; slip is along v_t."""
     kind, eye = np.array(status)[:, None], np.eye(p.d)
 
     def law(r: Array, v: Array) -> tuple[Array, Array, Array]:
         speed = np.maximum(np.linalg.norm(v[:, 1:], axis=1, keepdims=True), 1e-300)
-        t = v[:, 1:] / speed if side is None else side
+        t = v[:, 1:] / speed
         limit = (p.mu * r[:, 0])[:, None]
         slip = np.hstack([v[:, :1], r[:, 1:] + limit * t])
         by_r, by_v = np.zeros((2, p.n, p.d, p.d))
         by_r[:, 1:, 1:], by_r[:, 1:, 0] = eye[1:, 1:], p.mu[:, None] * t
         by_v[:, 0, 0] = 1
-        if side is None:
-            across = eye[1:, 1:] - t[:, :, None] * t[:, None, :]
-            by_v[:, 1:, 1:] = (limit / speed)[:, :, None] * across
+        across = eye[1:, 1:] - t[:, :, None] * t[:, None, :]
+        by_v[:, 1:, 1:] = (limit / speed)[:, :, None] * across
         value = np.where(kind == SLIP, slip, np.where(kind == STICK, v, r))
         sliding, fixed = kind[:, None] == SLIP, kind[:, None] == STICK
         by_r = np.where(sliding, by_r, eye * ~fixed)
@@ -115,19 +113,35 @@ def known(p: Problem, status: Sequence[int], side: Array | None = None) -> Law:
     return law
 
 
-def answers(p: Problem, tolerance: float = 1e-10, starts: int = 8) -> Iterator[Answer]:
-    """All solutions of a few contacts: every status, slip from `starts` directions."""
-    turn = np.arange(starts) * 2 * np.pi / starts
-    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    sides = circle if p.d == 3 else np.array([[1.0], [-1.0]])
-    solutions: list[Array] = []
-    for status in product((OPEN, SLIP, STICK), repeat=p.n):
-        for chosen in product(*(sides if s == SLIP else sides[:1] for s in status)):
-            r, a = np.zeros((p.n, p.d)), np.zeros(p.e.size)
-            r, a = newton(p, known(p, status, np.array(chosen)), r, a, 3)
-            if p.d == 3 and SLIP in status:
-                r, a = newton(p, known(p, status), r, a, 40)
-            new = all(np.abs(r - other).max() > 1e-6 for other in solutions)
-            if new and fails(p, r, a) <= tolerance:
-                solutions.append(r)
-                yield p.in_units(r, a, status)
+def smooth(p: Problem, eps: float) -> Law:
+    """Fischer–Burmeister for (6), `r_t s + μ r_n v_t = 0`, s² = |v_t|² + ε², for (8)."""
+
+    def law(r: Array, v: Array) -> tuple[Array, Array, Array]:
+        root = np.sqrt(r[:, 0] ** 2 + v[:, 0] ** 2 + 2 * eps**2)
+        s = np.sqrt(np.sum(v[:, 1:] ** 2, axis=1) + eps**2)[:, None]
+        eye, limit = np.eye(p.d - 1), (p.mu * r[:, 0])[:, None]
+        by_r, by_v = np.zeros((2, p.n, p.d, p.d))
+        by_r[:, 0, 0], by_v[:, 0, 0] = 1 - r[:, 0] / root, 1 - v[:, 0] / root
+        by_r[:, 1:, 1:], by_r[:, 1:, 0] = s[:, :, None] * eye, p.mu[:, None] * v[:, 1:]
+        by_v[:, 1:, 1:] = r[:, 1:, None] * (v[:, 1:] / s)[:, None]
+        by_v[:, 1:, 1:] += limit[:, :, None] * eye
+        normal = (r[:, 0] + v[:, 0] - root)[:, None]
+        return np.hstack([normal, r[:, 1:] * s + limit * v[:, 1:]]), by_r, by_v
+
+    return law
+
+
+def follow(p: Problem) -> Answer:
+    """One solution for any number of contacts, by smoothing continuation."""
+    r, a, eps = np.eye(1, p.d) * np.ones((p.n, 1)), np.zeros(p.e.size), 1.0
+    while eps > 1e-9:
+        r, a = newton(p, smooth(p, eps), r, a, 50)
+        eps *= 0.5
+    v = p.displacement(r, a)
+    # A sticking v_t is of the order of ε and in proportion to the load; slip is not.
+    sliding = np.where(np.linalg.norm(v[:, 1:], axis=1) > 1e3 * eps, SLIP, STICK)
+    status = np.where(r[:, 0] < v[:, 0], OPEN, sliding).tolist()
+    r, a = newton(p, known(p, status), r, a, 30)
+    if (error := fails(p, r, a)) > 1e-12:
+        raise AssertionError(f"the oracle found no answer: {error:.1e}")
+    return p.in_units(r, a, status)

@@ -13,13 +13,19 @@ Array = NDArray[np.float64]
 
 
 def pressed(
-    n: int = 4, *, dim: int = 3, mu: Any = 0.3, cell: str = "", axis: Any = None
+    n: int = 4,
+    *,
+    dim: int = 3,
+    mu: Any = 0.3,
+    cell: str = "",
+    axis: Any = None,
+    gap: float = 0.0,
+    **body: Any,
 ) -> bp.Model:
-    """A block pressed onto a plane by its held top, then sheared."""
-    m = block(n, dim, cell)
-    m.obstacle(
-        "table", plane={"point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [-1.0]}
-    )
+    """A block pressed onto a plane by its held top, then sheared; ``body`` has its own axes."""
+    m = block(n, dim, cell, **body)
+    point, normal = [0.0] * (dim - 1) + [gap], [0.0] * (dim - 1) + [-1.0]
+    m.obstacle("table", plane={"point": point, "normal": normal})
     direction = {} if axis is None else {"axis": axis}
     m.contact("block.top", against="table", mu=mu, **direction)
     m = m.with_(support=[])

@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import sparse
+from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fem
+from support.matrix_and_tables import of_nodes
 from support.orders import body
 
 pytestmark = pytest.mark.needs_extra
@@ -89,25 +91,22 @@ def test_condensed(block: dict[str, Any]) -> None:
 
 
 def test_condensed_in_a_file(block: dict[str, Any], bipot: Any) -> None:
-    from pathlib import Path
-
-    from scipy.io import mmwrite
-
-    kept = np.setdiff1d(np.arange(50), block["fixed"])
-    K = block["K"]
-    places = block["model"].nodes.tolist()
-    rows = "".join(f"{k},{x!r},{y!r}\n" for k, (x, y) in enumerate(places))
-    Path("nodes.csv").write_text("node,x,y\n" + rows)
-    Path("contacts.csv").write_text("node,nx,ny,mu\n0,0,1,0.3\n")
-    command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
-    mmwrite("K.mtx", sparse.coo_matrix(K[kept][:, kept]), symmetry="symmetric")
-    status, _, err = bipot(*command, "--nodes", "nodes.csv")
-    assert status == 2
-    assert (
-        "K.mtx has 40 rows, expected 2 for each of the 25 nodes of nodes.csv: if" in err
-    )
-    assert "give the whole stiffness and --fixed" in err
-    mmwrite("K.mtx", sparse.coo_matrix(enforced(K, block["fixed"])), precision=17)
-    status, _, err = bipot(*command, "--nodes", "nodes.csv")
-    assert status == 2
-    assert "supports were written into K, as by skfem.enforce" in err
+    K, kept = block["K"], np.setdiff1d(np.arange(50), block["fixed"])
+    for stiffness, *said in (
+        (
+            K[kept][:, kept],
+            "K.mtx has 40 rows, expected 2 for each of the 25 nodes of nodes.csv: if",
+            "give the whole stiffness and --fixed",
+        ),
+        (
+            enforced(K, block["fixed"]),
+            "supports were written into K, as by skfem.enforce",
+        ),
+    ):
+        command = of_nodes(stiffness, block["model"].nodes, [0])
+        # As it stands, both triangles of the enforced K too.
+        mmwrite("K.mtx", sparse.coo_matrix(stiffness), symmetry="general", precision=17)
+        status, _, errors = bipot(*command)
+        assert status == 2
+        for words in said:
+            assert words in errors

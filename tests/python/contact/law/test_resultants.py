@@ -111,17 +111,6 @@ def test_two_coefficients_on_a_curved_surface_reach_their_limit() -> None:
     assert still.limit == pytest.approx(press @ mu.max(axis=1), rel=1e-14)
 
 
-def test_two_coefficients_reach_the_limit_of_the_ellipse() -> None:
-    """The largest possible force along its own line is the force along an axis of the ellipse."""
-    mu, group = np.array([[0.5, 0.2]]), np.zeros(1, np.int64)
-    for slip, reached in (([0.3, 0.7], False), ([0.0, 1.0], True)):
-        drag = mu[0] ** 2 * slip / np.linalg.norm(mu[0] * slip)
-        reaction = 2 * np.array([[1.0, *drag]])
-        (total,) = list_resultants(reaction, np.eye(3)[None], mu, group, 1)
-        assert total.used <= 1 + 1e-14
-        assert not reached or total.used == pytest.approx(1, rel=1e-14)
-
-
 def test_without_friction_used_is_none() -> None:
     (total_of_ring,) = list_resultants(
         np.array([[2.0, 0.0]]), np.eye(2)[None], np.zeros(1), np.zeros(1, np.int64), 1
@@ -184,32 +173,6 @@ def test_a_curved_surface_has_its_own_column_heads(width: int) -> None:
         at = cells.index("3")
         # A sum that balances leaves rounding.
         assert cells[at + 1] == "0"
-
-
-def test_rounding_errors_of_zero_are_shown_as_zero() -> None:
-    (line,) = (
-        table_line
-        for table_line in printed(path(3), 200)
-        if table_line.lstrip().startswith("2 ")
-    )
-    step, load, *_, normal, tangential, used, _, _, _ = line.split()
-    # sin 2π in floating point is not zero; neither is a sum of forces that balance.
-    assert (step, normal, tangential, used) == ("2", "1234.5", "0", "-")
-    assert float(load) == pytest.approx(np.sin(2 * np.pi), rel=1e-5) or load == "0"
-
-
-def test_a_long_path_shows_both_ends() -> None:
-    lines = printed(path(500), 200)
-    assert len(lines) < 60
-    assert any(line.lstrip().startswith("499 ") for line in lines)
-    assert lines[-1] == "all 500 load steps are in steps.csv"
-
-
-def test_several_surfaces_are_named() -> None:
-    text = "\n".join(printed(path(1, surfaces=2), 200))
-    assert "block.side0" in text
-    assert "block.side1" in text
-    assert "block.side0" not in "\n".join(printed(path(1), 200))
 
 
 def test_many_surfaces_have_a_row_each_below_the_table() -> None:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
@@ -17,6 +16,7 @@ from bipot_rs import fem
 from bipot_rs import obstacle as ob
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact.messages.remarks import measure_bodies
+from support.matrix_and_tables import of_nodes
 from support.orders import CELLS, body, by_component
 
 pytestmark = pytest.mark.needs_extra
@@ -313,23 +313,11 @@ def test_remarks_are_saved_and_pickled(tmp_path: Path) -> None:
 def test_remarks_in_files(bipot: Any) -> None:
     """`bipot solve` prints them; with --json they are in its last line."""
     meshed = body("quadrilateral", 2)
-    from scipy.io import mmwrite
-
-    K = fem.stiffness(meshed) + sparse.diags_array(
-        1e9 * np.isin(np.arange(meshed.points.size) // 2, meshed.nodes("top"))
-    )
-    mmwrite("K.mtx", sparse.coo_matrix(K), symmetry="symmetric", precision=17)
-    rows = "".join(
-        f"{k},{x!r},{y!r}\n" for k, (x, y) in enumerate(meshed.points.tolist())
-    )
-    Path("nodes.csv").write_text("node,x,y\n" + rows)
-    at: NDArray[np.int64] = meshed.nodes("bottom")
-    Path("contacts.csv").write_text(
-        "node,nx,ny,mu\n" + "".join(f"{k},0,-1,0.3\n" for k in at)
-    )
-    Path("load.csv").write_text("node,fx,fy\n" + "".join(f"{k},0,-1\n" for k in at))
-    command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
-    command += ["--nodes", "nodes.csv", "--load", "load.csv"]
+    top = np.isin(np.arange(meshed.points.size) // 2, meshed.nodes("top"))
+    K = fem.stiffness(meshed) + sparse.diags_array(1e9 * top)
+    at = meshed.nodes("bottom")
+    load = "node,fx,fy\n" + "".join(f"{k + 1},0,-1\n" for k in at)
+    command = of_nodes(K, meshed.points, at, load, up=-1)
     status, out, _ = bipot(*command)
     assert status == 0
     assert "remark: the normals of 5 of the 5 contacts point out of the body" in out

@@ -39,13 +39,6 @@ def test_supports_take_motions_away(axis: int) -> None:
     assert words(problem) == [f"translation along {'y' if axis == 0 else 'x'}"]
 
 
-def test_contacts_that_cannot_hold_a_body() -> None:
-    body = block((2, 1, 1), (2, 1, 1), 7.0, 0.3)
-    rows_of_a_node = sparse.csr_array(body.B)[:3]
-    with pytest.raises(bp.FloatingBodyError, match="degree of freedom"):
-        bp.ContactProblem(body.K, rows_of_a_node, gap=np.zeros(1), mu=0.3)
-
-
 def test_a_mechanism_held_by_contact() -> None:
     # Each of four springs resists stretching in one direction: sixteen unknowns in one
     # component with rank four leave twelve motions, far more than a rigid body has.

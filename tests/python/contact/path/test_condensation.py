@@ -1,4 +1,4 @@
-"""W, q, u and r agree with computations in doubled precision, on bodies of scikit-fem."""
+"""W, q, u and r agree with computations in doubled precision, on cubes of finite elements."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,50 +6,32 @@ from typing import Any
 
 import numpy as np
 import pytest
-import skfem
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.spatial import Delaunay
-from skfem.helpers import ddot, eye, sym_grad, trace
 
 import bipot_rs as bp
+from bipot_rs import fem
 from support import twice
+from support.boxes import box
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-Young = Callable[[Array], Array]
 EPS = float(np.finfo(float).eps)
 
-# Poisson's ratio, and Young's modulus as a function of place.
-MATERIALS: dict[str, tuple[float, Young]] = {
-    "steel": (0.3, lambda x: np.full(x.shape[1], 2.1e11)),
-    "rubber": (0.4999, lambda x: np.ones(x.shape[1])),
-    "stiff behind": (0.2, lambda x: np.where(x[2] < 0.5, 1.0, 1e8)),
-    "stiff in front": (0.2, lambda x: np.where(x[2] < 0.5, 1e8, 1.0)),
-    "any": (0.0, lambda x: 10 ** (4 * np.sin(40 * x[0] + 23 * x[1] + 57 * x[2]))),
+# Poisson's ratio, and Young's modulus at a place.
+MATERIALS: dict[str, tuple[float, Callable[[Array], float]]] = {
+    "steel": (0.3, lambda _: 2.1e11),
+    "rubber": (0.4999, lambda _: 1.0),
+    "stiff behind": (0.2, lambda x: 1.0 if x[2] < 0.5 else 1e8),
+    "stiff in front": (0.2, lambda x: 1e8 if x[2] < 0.5 else 1.0),
+    "any": (0.0, lambda x: 10 ** (4 * np.sin(x @ [40.0, 23.0, 57.0]))),
 }
-SHAPES = ("linear tetrahedra", "quadratic tetrahedra", "quadratic hexahedra")
-
-
-def tetrahedra(points: int, rng: np.random.Generator) -> Any:
-    """Delaunay tetrahedra of a lattice in the unit cube, with its inner points moved."""
-    line = np.linspace(0, 1, points)
-    at = np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3)
-    step = rng.uniform(-0.3, 0.3, at.shape) / (points - 1)
-    at = np.where((at > 0) & (at < 1), at + step, at)
-    cells = Delaunay(at).simplices.T
-    edges = at.T[:, cells[1:]] - at.T[:, cells[:1]]
-    volume = np.abs(np.linalg.det(np.moveaxis(edges, 2, 0)))
-    # Four points of one face form a cell without volume.
-    return skfem.MeshTet(at.T.copy(), cells[:, volume > 1e-4 * volume.max()])
-
-
-def hexahedra(cells: int, rng: np.random.Generator) -> Any:
-    mesh = skfem.MeshHex.init_tensor(*[np.linspace(0, 1, cells + 1)] * 3)
-    step = rng.uniform(-0.2, 0.2, mesh.p.shape) / cells
-    return skfem.MeshHex(
-        np.where((mesh.p > 0) & (mesh.p < 1), mesh.p + step, mesh.p), mesh.t
-    )
+# Kind, cells along a side, degree.
+SHAPES = {
+    "linear tetrahedra": ("tetrahedron", 5, 1),
+    "quadratic tetrahedra": ("tetrahedron", 3, 2),
+    "quadratic hexahedra": ("hexahedron", 2, 2),
+}
 
 
 @dataclass
@@ -59,7 +41,7 @@ class Held:
     K: Any
     fixed: Indices
     free: Indices
-    # Unknowns of the bottom nodes, (n_c, 3).
+    # Degrees of freedom of the bottom nodes, (n_c, 3).
     bottom: Indices
 
     def operator(self, frames: Array) -> Any:
@@ -82,30 +64,21 @@ class Held:
         return rest, force
 
 
-def held(shape: str, material: str, rng: np.random.Generator) -> Held:
-    mesh, element = {
-        "linear tetrahedra": lambda: (tetrahedra(6, rng), skfem.ElementTetP1()),
-        "quadratic tetrahedra": lambda: (tetrahedra(4, rng), skfem.ElementTetP2()),
-        "quadratic hexahedra": lambda: (hexahedra(2, rng), skfem.ElementHex2()),
-    }[shape]()
+def held(shape: str, material: str) -> Held:
+    """Distorted cells, each with the modulus of its centre."""
+    cell, n, degree = SHAPES[shape]
     nu, young = MATERIALS[material]
-    basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder=4)
-    # One value per cell: with negative weights in the rule, a jump makes K indefinite.
-    modulus = young(mesh.p[:, mesh.t].mean(axis=1))[:, None]
-
-    def energy(u: Any, v: Any, _: Any) -> Any:
-        strain = sym_grad(u)
-        stress = strain + nu / (1 - 2 * nu) * eye(trace(strain), 3)
-        return modulus / (1 + nu) * ddot(stress, sym_grad(v))
-
-    K = skfem.BilinearForm(energy).assemble(basis)
-    K = sparse.csr_array((K + K.T) / 2)
-    kinds = basis.nodal_dofs, basis.edge_dofs, basis.facet_dofs, basis.interior_dofs
-    dofs = np.hstack([kind for kind in kinds if kind.size]).astype(np.int64)
-    height = basis.doflocs[2][dofs[0]]
-    fixed = dofs[:, height == 1].ravel()
-    free = np.setdiff1d(np.arange(K.shape[0]), fixed)
-    return Held(K, fixed, free, dofs[:, height == 0].T)
+    mesh = box(cell, n, degree=degree, bent=0.2 / n)
+    centres = mesh.p[:, mesh.t].mean(axis=1).T
+    mesh = mesh.with_subdomains({str(k): np.array([k]) for k in range(len(centres))})
+    materials = {str(k): fem.Material(young(x), nu) for k, x in enumerate(centres)}
+    cube = fem.Body("cube", mesh, materials)
+    K = sparse.csr_array(fem.stiffness(cube))
+    top, bottom = (
+        3 * cube.nodes(side)[:, None] + np.arange(3) for side in ("top", "bottom")
+    )
+    fixed = top.ravel()
+    return Held(K, fixed, np.setdiff1d(np.arange(K.shape[0]), fixed), bottom)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -113,7 +86,7 @@ def held(shape: str, material: str, rng: np.random.Generator) -> Held:
 @pytest.mark.quick_variants("*-linear tetrahedra", "steel-quadratic tetrahedra")
 def test_open_contacts(shape: str, material: str) -> None:
     rng = np.random.default_rng(1)
-    body = held(shape, material, rng)
+    body = held(shape, material)
     n, contacts = body.K.shape[0], len(body.bottom)
     B = body.operator(np.linalg.qr(rng.normal(size=(contacts, 3, 3)))[0])
     load = body.K.diagonal().max() * rng.normal(size=n)
@@ -152,7 +125,7 @@ def test_open_contacts(shape: str, material: str) -> None:
 def test_sticking_contacts(shape: str, material: str) -> None:
     """If every contact sticks, contacts act as supports with known displacements."""
     rng = np.random.default_rng(2)
-    body = held(shape, material, rng)
+    body = held(shape, material)
     n, contacts = body.K.shape[0], len(body.bottom)
     B = body.operator(np.tile(np.eye(3)[[2, 0, 1]], (contacts, 1, 1)))
     load = body.K.diagonal().max() * 1e-3 * rng.normal(size=n)

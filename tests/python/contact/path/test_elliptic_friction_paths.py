@@ -1,6 +1,5 @@
 """Friction with two coefficients on bodies: load paths, scenes, files."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from scipy.sparse import diags_array
 
 import bipot_rs as bp
 from bipot_rs import fem, scene
-from support.comparisons import close, near, solve_in_parts
+from support.comparisons import close, near
 
 pytestmark = pytest.mark.needs_extra
 
@@ -73,44 +72,6 @@ def test_a_path_agrees_with_the_scaled_problem() -> None:
     assert {1, 2} <= set(result.status[-1])
 
 
-def test_a_working_set_another_stiffness_and_another_friction() -> None:
-    case = cube(*GRAIN, "body.cube.z.cells=1", "support.0.z=-0.5", n=14)
-    model, moved = case.model, case.prescribed
-    mu = MU * np.random.default_rng(1).uniform(0.5, 1.5, (len(model.mu), 2))
-    # A roof: some 60 of 225 close.
-    model = replace(model, gap=1e-4 * model.points[:, 0] ** 2)
-    ends = []
-    for working_set in (True, False):
-        made = problem(model, mu, working_set=working_set)
-        made.update(2 * model.K)
-        made.update(model.K)
-        assert (made.stats["working_set"] is not None) == working_set
-        cases = [{"prescribed": moved, "mu": m} for m in (mu, 0.5 * mu[:, ::-1])]
-        solved = made.solve_many([*cases, {"prescribed": moved, "mu": mu[:, 0]}])
-        assert 0 < (solved[0].status[-1] > 0).sum() < 150
-        ends.append([getattr(r, name) for r in solved for name in FIELDS])
-        estimate = solved[0][-1].error_estimate
-        assert estimate is not None
-        assert max(estimate) < 1e-6
-        with pytest.raises(ValueError, match="case 0: mu of contact 0 is"):
-            made.solve_many([{"mu": np.tile([0.3, 0.0], (len(mu), 1))}])
-    one = problem(model, mu[:, 0]).solve(prescribed=moved)
-    ends.append([*ends[0][:-3], *(getattr(one, name) for name in FIELDS)])
-    for value, *others in zip(*ends, strict=True):
-        for other in others:
-            # Two solves to η = 1e-10; slip along the weaker tangent has 5 to 15 times that.
-            np.testing.assert_allclose(value, other, atol=1e-7 * np.abs(value).max())
-
-
-def test_a_path_continues_after_an_interruption(tmp_path: Path) -> None:
-    model, moved, mu = path()
-    whole = problem(model, mu, points=model.points)
-    result = solve_in_parts(whole, tmp_path, prescribed=moved)
-    read = bp.load(tmp_path / "whole.h5")
-    np.testing.assert_array_equal(read.contacts["mu"], mu)
-    np.testing.assert_array_equal(read.reaction, result.reaction)
-
-
 def test_a_global_problem(tmp_path: Path) -> None:
     """FCLIB cannot store it."""
     model, moved, mu = path()
@@ -130,9 +91,6 @@ def test_a_global_problem(tmp_path: Path) -> None:
     np.testing.assert_allclose(answer.reaction, straight.reaction[0], atol=1e-10 * size)
     u = straight.displacement[0, free]
     close(global_problem.velocity(answer), u, 1e-9)
-
-
-FIELDS = ("reaction", "slip", "displacement")
 
 
 class TestGrainOfTheCube:

@@ -10,12 +10,12 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs.contact.errors import NotIterativeError
-from bipot_rs.contact.path.prepared import PreparedStiffness
 from support.body_models import floating, on_a_ball, on_springs, order_two, warmed
 from support.comparisons import refused
 from support.models_and_arrays import arguments
 from support.pressed_in_space import arrays, pressed
-from support.rollers import block, roller
+from support.rollers import roller
+from support.two_blocks import two_blocks
 
 pytestmark = pytest.mark.needs_extra
 
@@ -24,45 +24,18 @@ pytestmark = pytest.mark.needs_extra
 CLOSE = 1e-9
 
 
-def pressed_block(gap: float = 0.0, mu: float = 0.3, **body: Any) -> bp.Model:
-    """A block pressed onto a plane and sheared, with its own places of nodes."""
-    m = block(8, 3, **body)
-    m = m.with_(support=[])
-    m.obstacle("table", plane={"point": [0.0, 0.0, gap], "normal": [0.0, 0.0, -1.0]})
-    m.contact("block.top", against="table", mu=mu)
-    moves = {"x": m.times(0.012, "shear"), "z": m.times(0.02, "press")}
-    m.support("block.bottom", **{"x": 0.0, "y": 0.0, "z": 0.0} | moves)
-    m.path(press=[0.6, 1.0], shear=[0.0, 1.0])
-    return m
-
-
 def graded(ratio: float) -> bp.Model:
     """Cells that become flat towards the contact, the last one by ``ratio``."""
     sizes = np.geomspace(1.0, 1.0 / ratio, 8)
     z = np.concatenate([[-1.0], -1.0 + np.cumsum(sizes) / sizes.sum()])
     z[-1] = 0.0
-    return pressed_block(z=z)
-
-
-def two_blocks(contrast: float, fine: int = 8) -> bp.Model:
-    """A block on a softer or stiffer one, with a matching surface."""
-    m = bp.Model("Two blocks")
-    m.material("lower", young=1000.0, poisson=0.3)
-    m.material("upper", young=1000.0 * contrast, poisson=0.3)
-    side = np.linspace(0.0, 1.0, fine + 1)
-    m.body("low", material="lower", cell="hexahedron", x=side, y=side, z=side - 1.0)
-    m.body("high", material="upper", cell="hexahedron", x=side, y=side, z=side)
-    m.support("low.bottom", x=0.0, y=0.0, z=0.0)
-    m.support("high.top", x=m.times(0.01, "shear"), y=0.0, z=m.times(-0.02, "press"))
-    m.contact("high.bottom", against="low.top", mu=0.3)
-    m.path(press=[0.6, 1.0], shear=[0.0, 1.0])
-    return m
+    return pressed(8, z=z)
 
 
 def column(slenderness: float) -> bp.Model:
     side = np.linspace(-0.5, 0.5, 4)
     z = np.linspace(-slenderness, 0.0, 41)
-    return pressed_block(x=side, y=side, z=z)
+    return pressed(8, x=side, y=side, z=z)
 
 
 def strip() -> bp.Model:
@@ -101,16 +74,16 @@ MODELS: dict[str, Callable[[], bp.Model]] = {
     "poisson 0.499": lambda: nearly_incompressible(0.499),
     "cells flat by 10": lambda: graded(10.0),
     "cells flat by 1000": lambda: graded(1000.0),
-    "long cells": lambda: pressed_block(z=np.linspace(-20.0, 0.0, 5)),
-    "almost no friction": lambda: pressed_block(mu=1e-8),
-    "friction of 10000": lambda: pressed_block(mu=1e4),
-    "a small gap": lambda: pressed_block(gap=1e-9),
-    "a gap of rounding": lambda: pressed_block(gap=1e-16),
+    "long cells": lambda: pressed(8, z=np.linspace(-20.0, 0.0, 5)),
+    "almost no friction": lambda: pressed(8, mu=1e-8),
+    "friction of 10000": lambda: pressed(8, mu=1e4),
+    "a small gap": lambda: pressed(8, gap=1e-9),
+    "a gap of rounding": lambda: pressed(8, gap=1e-16),
     "a soft block on a stiff one": lambda: two_blocks(1e-6),
     "a stiff block on a soft one": lambda: two_blocks(1e6),
     "a slender column": lambda: column(30.0),
-    "a thin plate": lambda: pressed_block(
-        x=np.linspace(-20.0, 20.0, 13), y=np.linspace(-20.0, 20.0, 13)
+    "a thin plate": lambda: pressed(
+        8, x=np.linspace(-20.0, 20.0, 13), y=np.linspace(-20.0, 20.0, 13)
     ),
     "a slender strip": strip,
 }
@@ -200,35 +173,6 @@ def test_many_cases_and_other_friction() -> None:
         direct = bp.ContactProblem(**arguments | {"mu": mu}, engine="direct")
         r = direct.solve(prescribed=prescribed).reaction
         assert np.abs(path_result.reaction - r).max() <= CLOSE * r.max()
-
-
-def test_the_direct_engine_replaces_it_where_it_stalls(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """ν so close to a half that multigrid may not converge."""
-    given, prescribed = arrays()
-    model = pressed(4).with_(**{"material.soft.poisson": 0.4999999}).assemble().model
-    given["K"] = model.K
-    problem, direct = (
-        bp.ContactProblem(**given, engine=e) for e in ("iterative", "direct")
-    )
-    replaced = problem.solve(prescribed=prescribed)
-    r = direct.solve(prescribed=prescribed).reaction
-    # The entries of K round away half of the digits for this ν.
-    assert np.abs(replaced.reaction - r).max() <= 1e-6 * r.max()
-    if "krylov" not in replaced[0].stats:
-        assert "stalled" in problem.stats["engine_reason"]
-
-    def full(*_args: Any) -> Any:
-        raise MemoryError("the factor does not fit")
-
-    monkeypatch.setattr(PreparedStiffness, "_condense", full)
-    small = bp.ContactProblem(**given, engine="iterative")
-    (outcome,) = small.solve_many([{"prescribed": prescribed}])
-    if outcome.success:
-        assert np.abs(outcome.reaction - r).max() <= 1e-6 * r.max()
-    else:
-        assert "not converged" in outcome.message
 
 
 def test_a_body_that_can_turn_is_refused() -> None:

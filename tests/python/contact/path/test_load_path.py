@@ -61,15 +61,6 @@ def test_a12_rotating_load_by_every_method(steps: int, method: str) -> None:
     assert lost(result)[-steps:].sum() == pytest.approx(loss, rel=1e-5)
 
 
-def test_no_steps_do_not_stand_for_several() -> None:
-    K, B = 1000.0 * np.eye(2), np.eye(2)
-    problem = bp.ContactProblem(K, B, gap=[0.0], mu=0.3, fixed=[1])
-    with pytest.raises(ValueError, match="has 4 steps but load has 0"):
-        problem.solve(np.zeros((0, 2)), np.zeros((4, 1)))
-    with pytest.raises(ValueError, match="gap has 0 steps but"):
-        problem.solve(None, np.zeros((4, 1)), gap=np.zeros((0, 1)))
-
-
 @pytest.mark.parametrize(
     ("scene", "blocks"),
     # Obstacles of the second give its steps frames, and its nodes ties.

@@ -103,26 +103,6 @@ def test_ten_thousand_small_problems() -> None:
     growth(random_problem, 1000, 10_000)
 
 
-@pytest.mark.slow
-def test_callbacks_that_raise() -> None:
-    problem, load = bar_problem(6)
-
-    def raising(k: int, step: bp.Step) -> None:
-        raise KeyError(k, step)
-
-    def once(_: int = 0) -> None:
-        with pytest.raises(KeyError):
-            problem.solve(load, on_step=raising)
-
-    once()
-    before = sys.getrefcount(problem), sys.getrefcount(raising)
-    for _ in range(100):
-        once()
-    gc.collect()
-    assert (sys.getrefcount(problem), sys.getrefcount(raising)) == before
-    growth(once, 100, 300)
-
-
 def test_nothing_is_kept_alive() -> None:
     problem, load = bar_problem(6)
 

@@ -284,23 +284,6 @@ def test_paths_side_by_side_and_automatic_steps(motion: str) -> None:
     assert bits(followed, expected)
 
 
-def test_back_to_gaps_without_frames() -> None:
-    """After steps in other frames the path goes on in the frames of B."""
-    moving, base = turning(3), setup(3)[3]
-    problem = make(3, engine="direct")
-    turned = problem.solve(gap=moving[:1])
-    rest = np.zeros((2, len(base), 3))
-    rest[:, :, 0] = -0.01
-    back = problem.solve(gap=rest, start=turned)
-    drag = np.zeros((3, len(base), 3))
-    drag[0] = moving.drag[0]
-    gap = np.array([moving.gap[0], *rest[:, :, 0]])
-    whole = bp.MovingGaps(gap, np.array([moving.frame[0], base, base]), drag)
-    expected = problem.solve(gap=whole)
-    close(back.reaction, expected.reaction[1:])
-    close(back.slip, expected.slip[1:])
-
-
 def test_wear_opens_the_gap_along_the_normal_of_the_step() -> None:
     """One cycle wears ``k p |slip|`` of the path without wear, where that is small."""
     problem = make(3, gaps=turning(3), engine="direct")
@@ -431,18 +414,6 @@ def test_rows_of_loads_and_gaps(dim: int, mu: Any) -> None:
     close(once.reaction, problem.solve(gap=gaps).reaction)
     with pytest.raises(ValueError, match="case 0: gap"):
         problem.solve_many([{"gap": np.zeros(len(gap) - 1)}])
-
-
-def test_files_of_steps_hold_the_problem_of_the_step(tmp_path: Path) -> None:
-    pytest.importorskip("h5py")
-    problem = make(2)
-    gaps = wall(2)[1]
-    result = problem.solve(gap=gaps)
-    paths = bp.fclib.write_path(tmp_path / "wall", problem, result)
-    for path, step in zip(paths, result, strict=True):
-        alone = bp.fclib.read(path)
-        assert alone.residual(step.reaction) <= step.tolerance
-        close(alone.solve().reaction, step.reaction)
 
 
 @pytest.mark.parametrize("rows", [0, 1, 4])

@@ -51,49 +51,6 @@ def test_one_point_sticks_where_it_is_or_slides_to_the_limit(
     assert result.status[0, 0] == (bp.Status.STICK if sticks else bp.Status.SLIP)
 
 
-def bodies(
-    rng: np.random.Generator, d: int, *, free: bool
-) -> tuple[bp.ContactProblem, np.ndarray]:
-    """Six contacts, pressed and pulled to and fro; ``free``: held by them alone."""
-    contacts = 6
-    n = d * contacts
-    A = rng.normal(size=(n, n))
-    K = A @ A.T / n + np.eye(n)
-    load = rng.normal(size=(4, n))
-    load[:, ::d] = -2.0 - rng.random((4, contacts))
-    if free:
-        # A translation along every axis needs no force: the springs are between points.
-        mean = np.kron(np.ones((contacts, contacts)) / contacts, np.eye(d))
-        K = (np.eye(n) - mean) @ K @ (np.eye(n) - mean)
-        K = (K + K.T) / 2
-        # Friction need not hold the whole body.
-        for k in range(1, d):
-            load[:, k::d] -= load[:, k::d].mean(axis=1)[:, None]
-    return bp.ContactProblem(K, np.eye(n), gap=np.zeros(contacts), mu=0.2), load
-
-
-@pytest.mark.parametrize("free", [False, True])
-@pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("seed", range(4))
-def test_the_state_of_a_step_continues_its_path(d: int, free: bool, seed: int) -> None:
-    """Reactions and relative displacements are all that a step hands to the next one."""
-    problem, load = bodies(np.random.default_rng(seed), d, free=free)
-    whole = problem.solve(load, tol=1e-13)
-    last = whole[1]
-    at = bp.State(
-        reaction=last.reaction, relative_displacement=last.relative_displacement
-    )
-    rest = problem.solve(load[2:], start=at, tol=1e-13)
-    # Both are held to η = 1e-13; W of these bodies has a condition of some hundreds.
-    assert rest.reaction == pytest.approx(whole.reaction[2:], abs=1e-9)
-    assert rest.slip == pytest.approx(whole.slip[2:], abs=1e-9)
-    # The history matters here: the path is another one from the unloaded state.
-    anew = problem.solve(load[2:], tol=1e-13)
-    assert np.abs(anew.slip[0] - whole.slip[2]).max() > 1e-2
-    assert rest.start is not None
-    np.testing.assert_array_equal(rest.start.reaction, last.reaction)
-
-
 def test_increments_from_the_state_satisfy_the_forms_of_the_paper() -> None:
     """(51) to (83) of [dSF91], with t⁰, u⁰ of the state and h₀ = gap."""
     problem = bp.ContactProblem(np.diag([2.0, 1.0]), np.eye(2), gap=[0.2], mu=0.4)

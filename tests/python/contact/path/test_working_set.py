@@ -179,21 +179,6 @@ def test_a_continued_path_has_the_same_bits(dim: int, tmp_path: Path) -> None:
     assert len(sets[-1]) > seeds + (through.status[-1] > 0).sum()
 
 
-def test_halved_steps_have_the_bits_of_the_same_load_points() -> None:
-    problem, gaps = rolling(2)
-
-    def gap(s: float) -> np.ndarray:
-        k = min(int(s), 2)
-        return gaps[k] + (s - k) * (gaps[k + 1] - gaps[k])
-
-    automatic = problem.follow(gap=gap, stops=[3.0], first=1.0, slip=2e-4)
-    assert automatic.s is not None
-    # A step was too long and was tried again from its start: the comparison is not trivial.
-    assert np.diff(automatic.s, prepend=0.0).min() < 1.0
-    again = problem.solve(gap=np.array([gap(s) for s in automatic.s]))
-    assert bits(again, automatic, FIELDS)
-
-
 def test_a_set_of_all_contacts_of_a_body_that_nothing_else_holds(
     tmp_path: Path,
 ) -> None:

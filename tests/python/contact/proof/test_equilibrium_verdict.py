@@ -45,7 +45,7 @@ def check(problem: bp.ReducedProblem) -> str:
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(25), pytest.param(range(5000), marks=pytest.mark.slow)]
+    "seeds", [range(12), pytest.param(range(5000), marks=pytest.mark.slow)]
 )
 def test_heaps_of_disks_are_decided_as_by_a_linear_programme(seeds: range) -> None:
     verdicts = []
@@ -466,7 +466,7 @@ def load_at_its_limit(rng: np.random.Generator, d: int) -> tuple[Array, Array, A
 def test_the_largest_multiple_beside_a_load_at_its_limit_is_decided(d: int) -> None:
     """From both sides, whatever the live load: the multiplier is often zero."""
     decided = 0
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng(seed)
         R, e0, mu = load_at_its_limit(rng, d)
         limit = rigid(R, e0, mu, d).limit_multiplier(e0, e1 := rng.normal(size=len(e0)))
@@ -479,7 +479,7 @@ def test_the_largest_multiple_beside_a_load_at_its_limit_is_decided(d: int) -> N
             above = e0 + (limit.upper + 1e-6) * e1
             assert rigid(R, above, mu, d).equilibrium().verdict != "balanced", seed
             decided += 1
-    assert decided > 20
+    assert decided > 10
 
 
 @pytest.mark.parametrize("cohesion", [1.0, 1e6, 1e9, 1e12, 1e15])

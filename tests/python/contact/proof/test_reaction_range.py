@@ -214,19 +214,6 @@ def test_an_open_leg_carries_nothing() -> None:
         assert interval.gap == 0
 
 
-def test_reactions_that_are_determined() -> None:
-    rng = np.random.default_rng(5)
-    A = rng.normal(size=(12, 12))
-    problem = bp.ReducedProblem(A @ A.T + np.eye(12), rng.normal(size=(4, 3)), 0.3)
-    solution = problem.solve()
-    for component in range(3):
-        for i, interval in enumerate(
-            problem.reaction_ranges(component, solution=solution)
-        ):
-            r = solution.reaction[i, component]
-            assert (interval.least, interval.largest, interval.gap) == (r, r, 0)
-
-
 def elliptic_table() -> tuple[bp.ReducedProblem, Array]:
     mu = np.array([[0.4, 0.1], [0.2, 0.2], [0.3, 0.15], [0.1, 0.3]])
     return table(mu, np.array([0.05, 0.02, -4, 0.4, 0.2, 0]))

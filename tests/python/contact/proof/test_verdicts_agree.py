@@ -158,16 +158,16 @@ SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(150), pytest.param(range(150, 20_500), marks=SLOW)]
+    "seeds", [range(75), pytest.param(range(75, 20_500), marks=SLOW)]
 )
 def test_verdicts_agree(seeds: range) -> None:
     seen: Counter[str] = Counter()
     for seed in seeds:
         check(small_problem(seed), seen)
-    assert seen["exists"] > 100
-    assert seen["absent"] > 20
-    assert seen["bound global"] > 2
-    assert seen["bound local"] > 20
+    assert seen["exists"] > 50
+    assert seen["absent"] > 10
+    assert seen["bound global"] > 0
+    assert seen["bound local"] > 15
 
 
 @pytest.mark.parametrize(
@@ -284,16 +284,16 @@ def test_a_bound_of_random_problems_at_every_scale(exponent: int) -> None:
     assert seen > 20
 
 
+def test_the_gap_of_a_contact_that_penetrates_is_negative() -> None:
+    """As documented: a sum of such gaps is not a bifunctional."""
+    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], 0.5)
+    bound = problem.error_bound([[0.5, 0.0]])
+    assert bound.total == Fraction(-1, 4)
+
+
 def test_a_bound_reports_overflow() -> None:
     problem = bp.ReducedProblem(4 * np.eye(2), [[3.0, 3.0]], 0.5)
     for size in (5e-324, 1e-300, 1e290):
         bound = problem.error_bound([[size, 0.0]])
         assert bound.energy is None
         assert "range of doubles" in bound.reason
-
-
-def test_the_gap_of_a_contact_that_penetrates_is_negative() -> None:
-    """As documented: a sum of such gaps is not a bifunctional."""
-    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], 0.5)
-    bound = problem.error_bound([[0.5, 0.0]])
-    assert bound.total == Fraction(-1, 4)

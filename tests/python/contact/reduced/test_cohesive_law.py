@@ -162,20 +162,6 @@ def test_methods_solve_the_law(method: str, d: int) -> None:
             assert (open_ones == (solution.reaction[:, 0] == 0)).all()
 
 
-def test_an_open_contact_has_no_pressure() -> None:
-    """Not even the rest of an iteration: what opens by it loses its cohesion in a path."""
-    for seed in range(40):
-        rng = np.random.default_rng([49, seed])
-        W, q, law = draw(rng, 8, 3)
-        q[:, 0] += 1.0
-        law = law._replace(c=law.c + 0.01)
-        solution = make(W, q, law).solve()
-        assert solution.converged
-        np.testing.assert_array_equal(
-            solution.status == OPEN, solution.reaction[:, 0] == 0
-        )
-
-
 def test_the_rest_of_a_pressure_in_a_start_opens() -> None:
     """The start has an η within the tolerance: the answer is this point, without the rest."""
     start = np.array([[1e-13, 0.0], [1.0, -0.2]])
@@ -206,17 +192,6 @@ def test_auto_solves_thousands(d: int, kind: str) -> None:
         if solution.converged:
             assert fails(W, q, law, solution) <= 1e-7, seed
         assert solution.converged or kind in ("singular", "strong"), seed
-
-
-def test_extreme_cohesion() -> None:
-    rng = np.random.default_rng(44)
-    for d in (2, 3):
-        W, q, law = draw(rng, 4, d)
-        stuck = make(W, q, law._replace(c=np.full(4, 1e12))).solve()
-        assert np.abs(stuck.relative_displacement[:, 1:]).max() <= 1e-9
-        tiny = make(W, q, law._replace(c=np.full(4, 1e-12))).solve()
-        none = make(W, q, law._replace(c=np.zeros(4))).solve()
-        np.testing.assert_allclose(tiny.reaction, none.reaction, atol=1e-9)
 
 
 def test_bodies_that_only_contact_holds() -> None:
@@ -258,20 +233,6 @@ def test_units(d: int) -> None:
             W * (length / force), q * length, law._replace(c=law.c * force)
         ).solve()
         np.testing.assert_allclose(other.reaction, plain.reaction * force, rtol=1e-8)
-
-
-def test_order_of_contacts_and_threads() -> None:
-    rng = np.random.default_rng(46)
-    W, q, law = draw(rng, 6, 3)
-    plain = make(W, q, law).solve(num_threads=1)
-    two = make(W, q, law).solve(num_threads=2)
-    np.testing.assert_array_equal(plain.reaction, two.reaction)
-    order = rng.permutation(6)
-    rows = (3 * order[:, None] + np.arange(3)).ravel()
-    turned = make(
-        W[np.ix_(rows, rows)], q[order], Law(*(x[order] for x in law))
-    ).solve()
-    np.testing.assert_allclose(turned.reaction, plain.reaction[order], atol=1e-9)
 
 
 def test_zero_numbers_are_coulombs_law_to_the_bit() -> None:
@@ -404,10 +365,10 @@ def has_answer(p: dict[str, Any]) -> bool:
 
 
 @pytest.mark.quick_variants("0")
-@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("part", range(20))
 def test_existence_against_all_statuses(part: int) -> None:
     seen = set()
-    for seed in range(40 * part, 40 * part + 40):
+    for seed in range(20 * part, 20 * part + 20):
         p = draw_balance(seed)
         verdict = bp.ReducedProblem(**p).existence().verdict
         if verdict != "unknown":

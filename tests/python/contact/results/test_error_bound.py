@@ -176,55 +176,6 @@ def test_one_contact_up_to_the_exact_limit(k_c: float) -> None:
     assert not above.solve().error.unique
 
 
-def several(rng: np.random.Generator) -> bp.ReducedProblem:
-    """Weakly coupled plane contacts, each near the one that has three solutions."""
-    n = int(rng.integers(1, 4))
-    block_of_W = np.linalg.inv([[2.0, 0.5], [0.5, 1.0]])  # # unique below μ = 2
-    root = rng.normal(size=(2 * n, 2 * n))
-    W = np.kron(np.eye(n), block_of_W) + 0.02 * root @ root.T / n
-    load = np.column_stack([-np.ones(n), rng.uniform(-3, 1.5, n)])
-    mu = rng.choice([1.5, 2.5, 3.5]) * rng.uniform(0.9, 1.1, n)
-    return bp.ReducedProblem((W + W.T) / 2, (W @ load.ravel()).reshape(n, 2), mu)
-
-
-def test_a_ball_contains_one_solution() -> None:
-    """Compared with all solutions, found by trying all statuses without using A."""
-    rng = np.random.default_rng(3)
-    kinds: dict[str, int] = {}
-    many = 0
-    for _ in range(150):
-        problem = several(rng)
-        answers = problem.answers()
-        if not answers.complete or not answers:
-            continue
-        many += len(answers) > 1
-        exact = [solution.reaction for solution in answers]
-        points = [
-            r + size * np.abs(r).max() * rng.normal(size=r.shape)
-            for r in exact
-            for size in (0.0, 1e-8, 1e-4, 1e-2, 0.3)
-        ]
-        points += [(a + b) / 2 for a, b in itertools.combinations(exact, 2)]
-        for point, bound in zip(
-            points, problem.error_bounds(np.array(points)), strict=True
-        ):
-            kinds[bound.kind] = kinds.get(bound.kind, 0) + 1
-            away = np.array([energy_norm(problem.W, point - r) for r in exact])
-            if bound.unique:
-                assert len(exact) == 1
-            if bound.energy is None or bound.alone_within is None:
-                continue
-            # A solution of `answers` is exact to rounding.
-            blur = 1e-12 * max(energy_norm(problem.W, r) for r in exact)
-            assert away.min() <= bound.energy + blur
-            assert (away < bound.alone_within - blur).sum() <= 1
-            if bound.kind == "local":
-                assert bound.reason == ""
-                assert not bound.unique
-    assert many >= 20
-    assert min(kinds.get(kind, 0) for kind in ("global", "local", "not available")) > 30
-
-
 def test_an_exact_answer_has_no_error() -> None:
     """Open contacts: the solution is r = 0, and every bound of r is zero."""
     W = np.array([[2.0, 0.5], [0.5, 1.0]])

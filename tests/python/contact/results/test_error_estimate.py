@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 import bipot_rs as bp
 from bipot_rs import fem
 from support.bodies import block
-from support.oracle import Problem
+from support.oracle import Problem, follow
 from support.pressed import MU, cube, free, square
-from support.smoothing import follow
 
 Array = NDArray[np.float64]
 CELL = {2: "quadrilateral", 3: "hexahedron"}

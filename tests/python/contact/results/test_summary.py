@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs.contact.results import summary
@@ -99,29 +98,6 @@ def test_a_step_that_did_not_converge() -> None:
     assert rows(str(solution))["unique"].startswith("no solution")
 
 
-def test_problems_name_their_numbers() -> None:
-    dense = bp.ReducedProblem(np.eye(4), [[-1.0, 0.0], [2.0, 0.0]], [0.0, 0.3])
-    rigid, W = (np.eye(3)[:, :1], [0.0]), sparse.csr_array(np.eye(3))
-    kept = bp.ReducedProblem(W, [[-1.0, 0, 0]], 0.3, rigid=rigid)
-    assert repr(dense) == "ReducedProblem(2 contacts in the plane)"
-    for problem, expected in (
-        (two(fixed=[3]), {"gap": "0", "friction": "mu = 0.5"}),
-        (
-            dense,
-            {
-                "W": "4 x 4, dense, 128 B",
-                "q": "from -1 to 2, negative at 1 contact",
-                "friction": "mu from 0 to 0.3, 1 contact without friction",
-            },
-        ),
-        (kept, {"W": "3 x 3, sparse, 3 entries"}),
-    ):
-        assert expected.items() <= rows(str(problem)).items()
-        assert len(str(problem).splitlines()) <= 6
-    assert rows(str(dense))["rigid motions"].startswith("none")
-    assert rows(str(kept))["rigid motions"].startswith("1 motion ")
-
-
 def test_html_is_the_same_and_escaped() -> None:
     problem = two()
     result = problem.solve(PULL)
@@ -161,25 +137,6 @@ def test_nothing_is_computed_for_a_summary(monkeypatch: pytest.MonkeyPatch) -> N
         assert repr(it)
         assert it._repr_html_()
     assert all(value is None for value in vars(step.computed).values())
-
-
-def test_dissipation_of_a_sliding_block() -> None:
-    """A rigid block pressed by N and dragged by δ dissipates μ N δ."""
-    N, mu, delta = 7.0, 0.3, np.array([0.0, 0.4, 1.0, -0.5])
-    # Its normal motion is on a spring. The tangential motion is prescribed through a stiff
-    # rod, and so is N mu / k less than that of the rod's end.
-    k = 100.0
-    K = np.array([[1.0, 0, 0], [0, k, -k], [0, -k, k]])
-    B = np.eye(3)[:2]
-    loads = np.tile([-N, 0.0, 0.0], (4, 1))
-    path = bp.solve(K, B, loads, delta[:, None], gap=[0.0], mu=mu, fixed=[2])
-    # The displacement of the block is that of the end minus the stretch of the rod.
-    stretch = mu * N / k
-    block = np.array([0.0, 0.4 - stretch, 1.0 - stretch, -0.5 + stretch])
-    lost = mu * N * np.abs(np.diff(block, prepend=0.0))
-    # The residual, 1e-10, of forces that dissipate work over a path of 1.
-    np.testing.assert_allclose(path.dissipation, lost, atol=1e-9 * mu * N)
-    np.testing.assert_allclose([s.dissipation for s in path], path.dissipation, rtol=0)
 
 
 def test_resultant_in_global_components() -> None:

@@ -127,14 +127,3 @@ def test_a_data_frame_is_made_of_the_same_columns(
     assert tuple(columns) == plain.dtype.names
     for name, values in columns.items():
         np.testing.assert_array_equal(values, plain[name])
-
-
-def test_pandas_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "pandas")
-    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
-    result = points(frame=np.tile(np.eye(2), (3, 1, 1)))
-    table = result.table()
-    assert isinstance(table, pandas.DataFrame)
-    assert table["residual"].to_numpy() == pytest.approx(result.residual)
-    slips = result.table("contacts").query("status == 'slip'")
-    assert len(slips) == (result.status == bp.Status.SLIP).sum()

@@ -42,16 +42,6 @@ def test_a_contact_at_its_friction_limit() -> None:
     np.testing.assert_allclose(result.jvp(mu=-1.0).slip, [[[P / STIFF]]])
 
 
-def test_a_contact_at_its_friction_limit_in_space() -> None:
-    """The slip begins along the force; a change across it is held."""
-    along = np.array([0.6, 0.8])
-    result = point(3).solve([-P, *(MU * P * along)])
-    across = np.array([-0.8, 0.6])
-    tangent = result.jvp([0.0, *(2.0 * along + across)])
-    np.testing.assert_allclose(tangent.slip[0, 0], 2.0 * along / STIFF, atol=1e-15)
-    np.testing.assert_allclose(tangent.reaction[0, 0, 1:], -across, atol=1e-14)
-
-
 def test_two_coefficients_at_the_friction_limit() -> None:
     """r_t = - r_n D p, and the slip begins along D⁻¹ p."""
     D, p = np.array([0.4, 0.2]), np.array([0.6, 0.8])

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import fem
 from bipot_rs.contact.path.iterative import Iterative
 from bipot_rs.contact.sensitivity import response
 from support.body_models import floating, on_a_ball, on_springs
@@ -182,41 +181,6 @@ def test_prescribed_components_of_contacts(fixed: list[int]) -> None:
         near(getattr(first, field), getattr(second, field))
 
 
-def test_inclined_supports() -> None:
-    """A rotated body with symmetry planes has the derivatives of the body that is not."""
-    results_of_frames = []
-    angle = 0.4
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    straight = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
-    rng = np.random.default_rng(3)
-    push = rng.normal(size=(straight.p.shape[1], 2))
-    push[:, 1] -= 3.0
-    bar = rng.normal(size=push.shape)
-    steel = fem.Material(young=1000.0, poisson=0.3)
-    for R in (np.eye(2), turn):
-        mesh = type(straight)(R @ straight.p, straight.t, straight.boundaries)
-        model = fem.assemble(
-            [fem.Body("it", mesh, steel)],
-            [fem.Contact("it", "bottom", 0.3, plane=(np.zeros(2), R[:, 1]))],
-            symmetries=[fem.Symmetry("it", "left")],
-        )
-        assert (model.inclined is None) == (R is not turn)
-        result = model.problem().solve((push @ R.T).ravel(), tol=1e-13)
-        gradient = result.vjp(displacement=(bar @ R.T).ravel())
-        tangent = result.jvp(load=(bar @ R.T).ravel())
-        rows = (gradient.load, tangent.displacement)
-        results_of_frames.append(
-            [np.reshape(row, (-1, 2)) @ R for row in rows] + [gradient.gap]
-        )
-    held = np.abs(straight.p[0]) < 1e-12
-    assert np.abs(results_of_frames[1][0][held, 0]).max() < 1e-14
-    for plain_row, other in zip(*results_of_frames, strict=True):
-        # Rounding times the condition of K.
-        np.testing.assert_allclose(
-            plain_row, other, atol=1e-11 * np.abs(plain_row).max()
-        )
-
-
 def test_a_solver_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
     """The direct engine replaces it; without memory the error says what happened."""
     *_, ours, theirs = solved("two bodies")
@@ -237,27 +201,3 @@ def test_a_solver_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
         ):
             ours.vjp(reaction=bar)
     near(ours.vjp(reaction=bar).gap, theirs.vjp(reaction=bar).gap)
-
-
-def test_threads_do_not_change_bits() -> None:
-    problem, path, *_ = solved("hexahedra")
-    gradients = []
-    for threads in (1, 2):
-        made = bp.ContactProblem(**problem, engine="iterative", num_threads=threads)
-        result = made.solve(**path)
-        gradient = result.vjp(reaction=np.ones_like(result.reaction))
-        gradients.append((gradient.load, gradient.gap))
-    for plain_row, other in zip(*gradients, strict=True):
-        np.testing.assert_array_equal(plain_row, other)
-
-
-def test_the_gradient_by_the_modulus_is_that_of_the_stiffness() -> None:
-    """K is proportional to E, 1000 in this model."""
-    case = pressed(3).assemble()
-    result = case.model.problem().solve(prescribed=case.prescribed)
-    gradient = result.vjp(reaction=result.reaction)
-    (slope,) = gradient.fem(case.model).young["block"]
-    exact = (gradient.K * case.model.K).sum() / 1000.0
-    # Sums of terms that are up to a thousand times larger, each rounded.
-    assert slope == pytest.approx(exact, rel=1e-9)
-    assert abs(slope) > 0

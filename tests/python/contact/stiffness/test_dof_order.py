@@ -1,8 +1,8 @@
 """Rigid motions show a wrong order of the degrees of freedom and accept a right one."""
 
-import csv
 import itertools
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact.stiffness import dof_order
+from support.matrix_and_tables import of_nodes
 from support.orders import CELLS, body, by_component
 
 pytestmark = pytest.mark.needs_extra
@@ -133,90 +133,68 @@ def test_large_matrices_are_checked_in_blocks(monkeypatch: pytest.MonkeyPatch) -
         assert (order.rows, order.rotation) == (expected.rows, expected.rotation)
 
 
+Run = Callable[..., tuple[int, str]]
+
+
 @pytest.fixture
-def files(bipot: Any) -> Any:
-    """A block on a floor as files, with any order of nodes and of components."""
+def run(bipot: Any) -> Run:
+    """`bipot solve` of a block on a floor: its status, and its report with the errors."""
     meshed = body("quadrilateral", 2, aspect=2.0)
-    x, n = meshed.points, meshed.points.size
-    bottom, top = meshed.nodes("bottom"), meshed.nodes("top")
+    K, bottom = sparse.csr_array(fem.stiffness(meshed)), meshed.nodes("bottom")
+    pressed = "".join(f"{k + 1},20.0,-100.0\n" for k in meshed.nodes("top"))
 
-    def table(name: str, header: str, rows: Any) -> None:
-        with Path(name).open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerows([header.split(), *rows])
-
-    def write(
-        rows: Any = slice(None), order: str = "node", supports: bool = False
-    ) -> None:
-        of = by_component(n, 2) if order == "component" else np.arange(n)
-        K = sparse.csr_array(fem.stiffness(meshed))
-        if supports:
-            some = np.zeros(n)
-            some[2 * bottom[[0]]] = 1.0
-            K = sparse.csr_array(K + sparse.diags_array(1e6 * K.diagonal() * some))
-        K = sparse.coo_matrix(K[of][:, of])
-        mmwrite("K.mtx", K, symmetry="symmetric", precision=17)
-        kept = np.arange(len(x))[rows].tolist()
-        table("nodes.csv", "node x y", ([k + 1, *x[k].tolist()] for k in kept))
-        table("contacts.csv", "node nx ny mu", ([k + 1, 0, 1, 0.3] for k in bottom))
-        table("load.csv", "node fx fy", ([k + 1, 20.0, -100.0] for k in top))
-
-    def run(*more: str) -> tuple[int, str]:
-        """Status, and the message or the report."""
-        command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
-        command += ["--nodes", "nodes.csv", "--load", "load.csv", *more]
-        status, output, errors = bipot(*command)
+    def run(
+        *more: str, rows: Any = None, order: str = "node", held: bool = False
+    ) -> tuple[int, str]:
+        of = by_component(50, 2) if order == "component" else np.arange(50)
+        some = np.isin(np.arange(50), 2 * bottom[:1]) * held
+        stiff = sparse.csr_array(K + sparse.diags_array(1e6 * K.diagonal() * some))
+        load = "node,fx,fy\n" + pressed
+        command = of_nodes(stiff[of][:, of], meshed.points, bottom, load, rows)
+        status, output, errors = bipot(*command, *more)
         assert "Warning" not in errors
         return status, output + " ".join(errors.split())
 
-    return write, run
+    return run
 
 
-def test_orders_of_files(files: Any) -> None:
-    write, run = files
-
+def test_orders_of_files(run: Run) -> None:
     def pressed() -> float:
         return float(bp.load("out/K/result.h5").reaction[-1, :, 0].sum())
 
-    write()
     assert run()[0] == run("--order", "node")[0] == 0
     # The force on the floor is the sum of the pressing loads, 100 N per node.
     assert pressed() == pytest.approx(500.0, rel=1e-9)
-    code, said = run("--order", "component")
-    assert code == 2
-    assert "K.mtx does not fit the rows of nodes.csv as component after" in said
-    assert "--order node would fit" in said
-    write(order="component")
-    code, said = run()
-    assert code == 2
-    assert "--order component would fit, component after" in said
-    assert run("--order", "component")[0] == 0
+    assert run("--order", "component", order="component")[0] == 0
     assert pressed() == pytest.approx(500.0, rel=1e-9)
-    code, said = run("--order", "nodes")
-    assert code == 2
-    assert "order is 'nodes', expected node or component" in said
+    for more, order, said in (
+        (["--order", "component"], "node", "the rows of nodes.csv as component after"),
+        (["--order", "component"], "node", "--order node would fit"),
+        ([], "component", "--order component would fit, component after"),
+        (["--order", "nodes"], "node", "order is 'nodes', expected node or component"),
+    ):
+        status, message = run(*more, order=order)
+        assert status == 2
+        assert said in message
 
 
-@pytest.mark.parametrize("supports", [False, True])
+@pytest.mark.parametrize("held", [False, True])
 @pytest.mark.quick_variants("True")
-def test_rows_of_nodes_in_another_order(supports: bool, files: Any) -> None:
-    write, run = files
+def test_rows_of_nodes_in_another_order(held: bool, run: Run) -> None:
     rows = np.random.default_rng(5).permutation(25)
     for order in dof_order.ORDERS:
-        write(rows=rows, order=order, supports=supports)
         for more in ([], ["--order", order]):
-            code, said = run(*more)
+            code, said = run(*more, rows=rows, order=order, held=held)
             assert code == 2
             assert "the rows of nodes.csv sorted by label would fit" in said
     # Two nodes only: few rows show it, and other causes are possible.
     swapped = np.arange(25)
     swapped[[0, 1]] = 1, 0
-    write(rows=swapped, supports=supports)
-    code, said = run()
+    code, said = run(rows=swapped, held=held)
     assert code == 2
     assert "K times a rigid rotation is not zero in" in said
     assert ", first at node 2; if springs" in said
-    code, said = run("--order", "node")
+    code, said = run("--order", "node", rows=swapped, held=held)
     assert code == 0
     assert "remark: coordinates do not fit K" in said
 
@@ -224,25 +202,21 @@ def test_rows_of_nodes_in_another_order(supports: bool, files: Any) -> None:
 def test_a_stiffness_with_node_labels(bipot: Any) -> None:
     meshed = body("triangle", 2)
     K, x = sparse.coo_matrix(fem.stiffness(meshed)), meshed.points
-    entries = [
-        f"{i // 2 + 1},{i % 2 + 1},{j // 2 + 1},{j % 2 + 1},{v:.17e}"
+    load = f"node,fx,fy\n{meshed.nodes('top')[2] + 1},0,-1\n"
+    entries = (
+        f"{i // 2 + 1},{i % 2 + 1},{j // 2 + 1},{j % 2 + 1},{v:.17e}\n"
         for i, j, v in zip(K.row, K.col, K.data, strict=True)
-    ]
-    Path("K.dat").write_text("\n".join(entries) + "\n")
-    contacts = "".join(f"{k + 1},0,1,0.3\n" for k in meshed.nodes("bottom"))
-    Path("contacts.csv").write_text("node,nx,ny,mu\n" + contacts)
-    Path("load.csv").write_text(f"node,fx,fy\n{meshed.nodes('top')[2] + 1},0,-1\n")
-    command = ["solve", "--stiffness", "K.dat", "--contacts", "contacts.csv"]
-    command += ["--nodes", "nodes.csv", "--load", "load.csv"]
+    )
+    labelled = "".join(entries)
     rng = np.random.default_rng(6)
     for places, code in ((x, 0), (x[rng.permutation(len(x))], 2)):
         # Rows in any order: the labels identify them.
-        rows = [[k + 1, *places[k].tolist()] for k in rng.permutation(len(x)).tolist()]
-        text = "".join("{},{!r},{!r}\n".format(*row) for row in rows)
-        Path("nodes.csv").write_text("node,x,y\n" + text)
+        rows = rng.permutation(len(x))
+        command = of_nodes(K, places, meshed.nodes("bottom"), load, rows)
+        Path("K.mtx").write_text(labelled)
         status, _, errors = bipot(*command)
         assert status == code, errors
-    assert "K.dat does not fit the coordinates of its nodes in nodes.csv" in errors
+    assert "K.mtx does not fit the coordinates of its nodes in nodes.csv" in errors
     status, _, errors = bipot(*command, "--order", "node")
     assert status == 2
     assert "names its degrees of freedom by node" in errors

@@ -22,8 +22,8 @@ import bipot_rs as bp
 import bipot_rs._core as _core
 from bipot_rs import fem
 from support.comparisons import bits, refused
-from support.matrix_and_tables import of_dofs
-from support.orders import by_component
+from support.contacts import rigid_rows
+from support.matrix_and_tables import of_dofs, of_nodes
 
 pytestmark = pytest.mark.needs_extra
 
@@ -92,15 +92,7 @@ def case(
 def rigid(at: Array, dim: int, about: Array | None = None) -> Array:
     """Rigid motions about the middle or a point, for degrees of freedom node by node."""
     x = at[::dim] - (at.mean(axis=0) if about is None else about)
-    x = x / np.abs(x).max()
-    shifts = [np.tile(axis, len(x)) for axis in np.eye(dim)]
-    planes = [(a, b) for a in range(dim) for b in range(a)]
-    turns = []
-    for a, b in planes:
-        turn = np.zeros_like(x)
-        turn[:, a], turn[:, b] = x[:, b], -x[:, a]
-        turns.append(turn.ravel())
-    return np.array(shifts + turns).T
+    return rigid_rows(x / np.abs(x).max(), np.eye(dim))
 
 
 def used(problem: bp.ContactProblem) -> Any:
@@ -245,19 +237,6 @@ def test_the_rounding_of_condensed_stiffness_is_no_stiffness(seed: int) -> None:
     assert apart(reaction, data.problem().solve(data.load).reaction) <= 1e-9
 
 
-def test_a_condensed_stiffness_that_supports_hold() -> None:
-    """All rows resist rigid motions by far more than the digits do: nothing is restored."""
-    data = case("quadrilateral", True)
-    free = np.setdiff1d(np.arange(len(data.load)), data.fixed)
-    bottom = free[np.abs(data.B[:, free]).sum(axis=0) > 0]
-    S = condensed(data.K[free][:, free], np.searchsorted(free, bottom))
-    S, B = written(S, 8), data.B[:, bottom]
-    options = {"gap": data.gap, "mu": 0.3, "coordinates": data.at[bottom]}
-    problem = bp.ContactProblem(S, B, stiffness_rtol=1e-8, **options)
-    assert problem.stats["rigid_motions"] == 0
-    assert abs(used(problem) - S).max() <= 4e-16 * abs(S).max()
-
-
 def frame(height: float, units: tuple[float, float]) -> tuple[Any, Array]:
     """A portal of beams in the plane, three degrees of freedom per node."""
     m, newton = units
@@ -299,21 +278,6 @@ def test_nodes_with_rotations(units: str, digits: int) -> None:
     tau = 1200 * 0.5 * 10.0 ** (1 - digits)
     assert apart(restored.reaction, expected.reaction) <= tau
     assert apart(restored.displacement, expected.displacement) <= tau
-
-
-def test_all_x_before_all_y() -> None:
-    data = case("quadrilateral", False)
-    order = by_component(len(data.load), 2)
-    K, load, at = data.K[order][:, order], data.load[order], data.at[order]
-    turned = data._replace(K=K, B=data.B[:, order], load=load, at=at)
-    u, expected = (
-        each.problem(written(each.K, 8), stiffness_rtol=1e-8)
-        .solve(each.load)
-        .displacement
-        for each in (turned, data)
-    )
-    # The same K up to rounding.
-    assert apart(u, expected[:, order]) <= 1e-10
 
 
 def test_bodies_with_nodes_at_the_same_points() -> None:
@@ -444,28 +408,24 @@ def test_the_estimate_for_a_nearly_incompressible_body() -> None:
 def test_the_command(tmp_path: Path, bipot: Any) -> None:
     data = case("quadrilateral", False)
     bottom = np.flatnonzero(data.at[::2, 1] == 0)
+    K, digits = written(data.K, 8), ["--stiffness-rtol", "1e-8"]
+    load = "dof,force\n" + "".join(
+        f"{k},{f!r}\n" for k, f in enumerate(data.load.tolist()) if f
+    )
     contacts = "".join(f"{2 * k},{2 * k + 1},0,1,0.3\n" for k in bottom)
-    load = "".join(f"{k},{f!r}\n" for k, f in enumerate(data.load.tolist()) if f)
-    tables = "dof_x,dof_y,nx,ny,mu\n" + contacts, "dof,force\n" + load
-    command = of_dofs(tmp_path, written(data.K, 8), *tables)
-    command += ["--out", "here", "--tol", "1e-12"]
-    status, _, errors = bipot(*command, "--stiffness-rtol", "1e-8")
+    command = of_dofs(tmp_path, K, "dof_x,dof_y,nx,ny,mu\n" + contacts, load)
+    status, _, errors = bipot(*command, *digits)
     assert status == 2
     assert "--stiffness-rtol needs --nodes" in errors
-    nodes = "".join(
-        f"{k},{x!r},{y!r}\n" for k, (x, y) in enumerate(data.at[::2].tolist())
-    )
-    Path("nodes.csv").write_text("node,x,y\n" + nodes)
-    contacts = "".join(f"{k},0,1,0.3\n" for k in bottom)
-    Path("contacts.csv").write_text("node,nx,ny,mu\n" + contacts)
-    command += ["--nodes", "nodes.csv"]
+    command = of_nodes(K, data.at[::2], bottom, load)
+    command += ["--out", "here", "--tol", "1e-12"]
     status, _, errors = bipot(*command)
     assert status == 2
     assert "stiffness_rtol" in errors
-    status, output, _ = bipot(*command, "--stiffness-rtol", "1e-8")
+    status, output, _ = bipot(*command, *digits)
     assert status == 0
     assert "a relative error of 1e-08" in output
-    _, output, _ = bipot(*command, "--stiffness-rtol", "1e-8", "--json")
+    _, output, _ = bipot(*command, *digits, "--json")
     assert 0 < json.loads(output.splitlines()[-1])["rigid_motions_off"] < 5e-8
     result = bp.load(tmp_path / "here" / "result.h5")
     full = data.problem().solve(data.load)

@@ -19,6 +19,7 @@ from bipot_rs.contact.wear.cycle import Stability
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import assemble
 from bipot_rs.scene.reading import read
+from support.bodies import block
 from support.comparisons import near, refused
 from support.two_blocks import arrays
 from support.worn import COEFFICIENT, PULL, TOL, pad, random_pad, spring, worn_pad
@@ -88,17 +89,6 @@ def test_the_worn_volume_is_the_heat_times_k_over_mu(jump: bool) -> None:
     np.testing.assert_allclose(worn, wear.worn[-1], rtol=SAME)
 
 
-def test_the_gaps_of_each_step_contain_the_wear_of_the_steps_before() -> None:
-    wear = worn_pad(jump=False, cycles=3)
-    k, steps = COEFFICIENT, wear.result
-    each = k * steps.traction[:, :, 0] * np.linalg.norm(steps.slip, axis=2)
-    before = wear.depth[-2] + np.vstack([np.zeros(each.shape[1]), each[:-1]]).cumsum(0)
-    gaps = np.array([step.gap[:, 0] for step in steps])
-    gap_at_start = wear.result.contacts["gap"]
-    # Sums of gaps up to 0.01, rounded.
-    np.testing.assert_allclose(gaps, gap_at_start + before, rtol=0, atol=1e-17)
-
-
 def test_jumps_have_second_order(monkeypatch: pytest.MonkeyPatch) -> None:
     def solved(over: int) -> np.ndarray:
         def length(run: Any) -> int:
@@ -143,16 +133,6 @@ def test_results_do_not_depend_on_units() -> None:
         (j.cycles, j.accepted) for j in wear.jumps
     ]
     np.testing.assert_allclose(other.depth, wear.depth * length, rtol=SAME)
-
-
-def test_wear_continues_to_the_same_bits() -> None:
-    whole = worn_pad(jump=False, cycles=5)
-    first = worn_pad(jump=False, cycles=2)
-    rest = worn_pad(jump=False, cycles=3, start=pickle.loads(pickle.dumps(first)))
-    assert rest.cycle.tolist() == [3, 4, 5]
-    np.testing.assert_array_equal(rest.depth, whole.depth[2:])
-    np.testing.assert_array_equal(rest.total_volume, whole.total_volume[2:])
-    np.testing.assert_array_equal(rest.result.reaction, whole.result.reaction)
 
 
 def test_wear_continues_with_jumps() -> None:
@@ -538,12 +518,48 @@ def test_the_record_is_told_cycle_by_cycle(tmp_path: Path) -> None:
     assert none.depth.max() == 0 == none.error_estimate
 
 
-def test_a_path_continues_on_worn_contacts() -> None:
-    _, problem, cycle = pad()
-    wear = worn_pad(cycles=3)
-    gap = problem.contacts.gap + wear.depth[-1]
-    path = problem.solve(prescribed=cycle, gap=gap, start=wear.result, tol=TOL)
-    # What the next cycle does, but for its own wear, a hundredth of that of all.
-    following = worn_pad(cycles=1, start=wear).result
-    difference = abs(path.reaction - following.reaction).max()
-    assert 0 < difference < 0.01 * path.reaction.max()
+@pytest.mark.parametrize(
+    "seeds", [range(2), pytest.param(range(2, 120), marks=pytest.mark.slow)]
+)
+def test_random_pads(seeds: range) -> None:
+    """The error of jumps is at most `rtol`, and not above its estimate by much."""
+    jumped = 0
+    for seed in seeds:
+        problem, path = random_pad(seed)
+        rtol = 10 ** np.random.default_rng(seed).uniform(-3, -1.3)
+        every = problem.wear(**path, jump=False)
+        wear = problem.wear(**path, rtol=rtol)
+        error = abs(wear.depth[-1] - every.depth[-1]).max() / every.depth[-1].max()
+        jumped += wear.paths < every.paths
+        assert error <= rtol, seed
+        # It holds the leading terms, and one change of status within a jump.
+        assert error <= 1.5 * wear.error_estimate, seed
+    assert jumped >= len(seeds) / 2
+
+
+def test_history_that_settles_is_not_extrapolated() -> None:
+    """A pad whose places still settle when the first jumps are made.
+
+    Its stick zone remembers them. With the mean drift over each jump in place of that of a cycle,
+    the error was 75 times the estimate.
+    """
+    body = block([1.8, 1.0], [7, 4], 1e3, 0.3)
+    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
+    x = body.points[:, 0] - 0.9
+    gap = 1.6e-3 * (1 + np.sin(1.7 * x + 1.85))
+    problem = bp.ContactProblem(
+        body.K, body.B, gap=gap, mu=0.75, fixed=fixed, area=body.area
+    )
+    m = len(fixed) // 2
+    cycle = np.repeat([[0.0238, -0.0099], [-0.0238, -0.0135]], m, axis=1)
+    given = {"prescribed": cycle, "coefficient": 1.4e-5, "cycles": 154, "tol": 1e-12}
+    every, wear = problem.wear(**given, jump=False), problem.wear(**given, rtol=0.0145)
+    error = abs(wear.depth[-1] - every.depth[-1]).max() / every.depth[-1].max()
+    assert wear.paths < 60
+    assert error <= wear.error_estimate <= 0.0145 / 2
+    # The places at the end: those of every cycle.
+    ends = [w.ends[-1].relative_displacement[:, 1] for w in (wear, every)]
+    moved = abs(
+        np.diff([e.relative_displacement[:, 1] for e in every.ends[:6]], axis=0)
+    )
+    assert abs(ends[0] - ends[1]).max() <= 0.1 * moved[-1].max()
