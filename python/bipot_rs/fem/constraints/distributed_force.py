@@ -6,10 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Quadrature
 from bipot_rs.fem.bodies.elasticity import nodal_forces
-from bipot_rs.fem.constraints.references import Remote, rotations, set_of
+from bipot_rs.fem.constraints.references import (
+    Remote,
+    read_resultant,
+    rotations,
+    set_of,
+)
 
 # Part of a moment that the extent of the set cannot carry, relative to the moment.
 _LOST = 1e-6
@@ -32,15 +36,7 @@ def distributed_force(
     """
     d = body.dim
     what = f"of the remote {remote.name!r}"
-    push = np.zeros(d) if force is None else floats(f"force {what}", force, shape=(d,))
-    turn = np.zeros(3 if d == 3 else 1)
-    if moment is not None:
-        moment_given = np.atleast_1d(floats(f"moment {what}", moment))
-        if moment_given.shape != turn.shape:
-            raise ValueError(
-                f"moment {what} has shape {moment_given.shape}, expected {turn.shape}"
-            )
-        turn = moment_given
+    push, turn = read_resultant(what, force, moment, d)
     points = _part(body, remote)
     weights = body.depth * points.weights.ravel()
     places = points.places.reshape(d, -1).T

@@ -135,23 +135,15 @@ class Reference:
 
     def force(self, force: ArrayLike | None, moment: ArrayLike | None) -> Floats:
         """Loads at `dofs` and `turns` of a force [N] and a moment [N m]."""
-        d, turning = len(self.point), len(self.turns)
         what = f"of the reference point {self.name!r}"
-        total = np.zeros(d + turning)
-        if force is not None:
-            total[:d] = floats(f"force {what}", force, shape=(d,))
-        if moment is None:
-            return total
-        if self.arm is None:
+        if moment is not None and self.arm is None:
             raise ValueError(
                 f"moment {what} was given, but an obstacle under a force only translates: "
                 "leave it out"
             )
-        couple = np.atleast_1d(floats(f"moment {what}", moment))
-        if couple.shape != (turning,):
-            raise ValueError(
-                f"moment {what} has shape {couple.shape}, expected ({turning},)"
-            )
+        push, couple = read_resultant(what, force, moment, len(self.point))
+        if self.arm is None:
+            return push
         lost = np.abs(self.idle @ couple).max(initial=0.0)
         if lost > _FLAT * np.abs(couple).max(initial=0.0):
             raise ValueError(
@@ -159,8 +151,23 @@ class Reference:
                 "nodes of the set lie, where it has no arm: add nodes aside, or leave this "
                 "component out"
             )
-        total[d:] = couple / self.arm
-        return total
+        return np.concatenate([push, couple / self.arm])
+
+
+def read_resultant(
+    what: str, force: ArrayLike | None, moment: ArrayLike | None, d: int
+) -> tuple[Floats, Floats]:
+    """A force ``(d,)`` and a moment ``(3,)``, in the plane ``(1,)``; zero where None."""
+    push = np.zeros(d) if force is None else floats(f"force {what}", force, shape=(d,))
+    couple = np.zeros(3 if d == 3 else 1)
+    if moment is None:
+        return push, couple
+    given = np.atleast_1d(floats(f"moment {what}", moment))
+    if given.shape != couple.shape:
+        raise ValueError(
+            f"moment {what} has shape {given.shape}, expected {couple.shape}"
+        )
+    return push, given
 
 
 def make_references(
