@@ -802,9 +802,11 @@ class Assembly:
         if self.inclined is None or self.ties is None:
             return
         given = np.where(np.isnan(at), 0.0, at)
-        moved = self.ties.displacement(given)[: self.nodes.size]
+        # What rigid sets and bolts move is another thing.
+        given[self.nodes.size :] = 0.0
         given, moved = (
-            u[: self.nodes.size].reshape(-1, self.dim) for u in (given, moved)
+            u[: self.nodes.size].reshape(-1, self.dim)
+            for u in (given, self.ties.displacement(given))
         )
         node = self.inclined.find_far(given, moved)
         if node is None:
