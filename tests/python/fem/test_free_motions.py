@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.contact.errors import NotIterativeError
-from bipot_rs.fem.checks.free_bodies import describe_unbalanced
+from bipot_rs.fem.checks.free_bodies import describe_free_bodies, describe_unbalanced
 from support.boxes import box, placed
 from support.comparisons import refused
 from support.slender import STEEL, floor, problem, strip, supports
@@ -177,3 +178,24 @@ def test_the_motions_of_remotes(seed: int) -> None:
     total = np.einsum("ckd,ck->d", it.model.frame, result.reaction[-1])
     # The reactions balance the force to the tolerance of the residual, 1e-12.
     assert np.abs(total + it.force).max() <= 1e-10 * np.abs(it.force).max(), seed
+
+
+def test_a_block_on_a_floor_without_friction_in_any_direction() -> None:
+    """It slides in two directions and spins about its middle, however the floor is turned."""
+    mesh = box("hexahedron", 2)
+    for vector in ([0.3, -0.5, 0.7], [0.2, 0.9, -0.4]):
+        turn = Rotation.from_rotvec(vector).as_matrix()
+        body = fem.Body("it", placed(mesh, turn @ mesh.p), fem.Material(1.0, 0.3))
+        ground = fem.Contact("it", "bottom", 0.0, plane=([0, 0, 0], turn[:, 2]))
+        (said,) = describe_free_bodies(fem.assemble([body], [ground]))
+        assert [text.split()[0] for text in said.partition(" by ")[2].split("; ")] == [
+            "translation",
+            "translation",
+            "rotation",
+        ]
+        middle = re.search(r"through \((.*?)\) along", said)
+        assert middle is not None
+        at = np.array([float(x) for x in middle[1].split(",")])
+        off = at - turn @ [0.5, 0.5, 0.5]
+        # Numbers have four digits.
+        assert np.linalg.norm(np.cross(off, turn[:, 2])) < 1e-3

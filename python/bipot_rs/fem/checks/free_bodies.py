@@ -216,9 +216,10 @@ def _group_bodies(model: Assembly) -> list[list[int]]:
 def describe_motions(
     model: Assembly, members: list[int], modes: Floats, free: Floats
 ) -> list[str]:
-    """Describe a space of motions: translations along the axes first, then the rest.
+    """Describe a space of motions: translations along the axes first, then other ones.
 
-    Motions of each body alone come first, then motions of all together.
+    Motions of each body alone come first, then motions of all together. Rotations come last:
+    beside translations they are about the middle of a body.
     """
     d, words = model.dim, []
     per_body = modes.shape[1] // len(members)
@@ -237,6 +238,9 @@ def describe_motions(
             left = rest - np.outer(shift, shift @ rest)
             U, size, _ = np.linalg.svd(left, full_matrices=False)
             rest = U[:, size > 0.5]
+    turning = np.arange(len(rest)) % per_body >= d
+    if turning.any():
+        rest = rest @ np.linalg.svd(rest[turning])[2][::-1].T
     for amounts in rest.T:
         parts = []
         for at, b in enumerate(members):
