@@ -70,6 +70,7 @@ def test_with_few_of_many_candidates() -> None:
     assert told[-1]["flops"] == problem.stats["flops"]
 
 
+@pytest.mark.slow
 def test_the_iterative_forecast_follows_the_iterations() -> None:
     """Bodies on each other take some ten times as many as one on a rigid plane: a factor of 2."""
     asked = read("sheared_cube", ["mesh.n=8"])

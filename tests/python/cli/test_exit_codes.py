@@ -155,20 +155,56 @@ def test_unknown_options(command: str, bipot: Bipot) -> None:
 
 
 SMALL = ("sheared_cube", "--set", "mesh.n=2")
+# A setting of `sheared_cube`, and what is said about it.
+SETTINGS = [
+    ('material.steel.young="7E"', "material.steel.young: should be a valid number,"),
+    ('support.0.z="x"', "support.0.z: should be a valid number"),
+    ('support.0.z={ value = "x" }', "support.0.z.value: should be a valid number"),
+    (
+        'pressure=[{ on = "cube.top", value = { amplitude = "a" } }]',
+        "pressure.0.value: should be a valid number; write amplitude as a key",
+    ),
+    ('path.amplitude.press=[1.0, "x"]', "path.amplitude.press.1: should be a valid"),
+    ("n=6", "n: unknown key, did you mean mesh.n?"),
+    ("mesh.N=6", "did you mean mesh.n?"),
+    ("mu=0.1", "did you mean contact.0.mu?"),
+    ("material.steel.youngs=1", "did you mean material.steel.young?"),
+    ("material.steel.E=1", "unknown key, expected one of young, poisson"),
+    ("material.steal.young=1", "there is no material 'steal', expected one of steel,"),
+    ("contact.mu=0.1", "contact is a list of 1 entry, expected contact.0"),
+]
 # Words of a command, and its message, or all parts of it.
 WRONG: list[tuple[tuple[str, ...], str | tuple[str, ...]]] = [
     (("--verson",), "there is no option --verson, did you mean '--version'?"),
     (("--", "run"), "there is no option --;"),
     (("walk",), "walk"),
-    (("run",), "SCENE"),
+    (("run",), "required: SCENE; bipot run --help lists the"),
+    (("sheared_cube",), "to solve a scene: bipot run sheared_cube"),
+    (("mine.toml",), "to solve a scene: bipot run mine.toml"),
+    (("mine",), "to solve a scene: bipot run mine.toml"),
+    (("torque",), "bipot --help lists the commands"),
+    (("chek", "sheared_cube"), "did you mean 'check'"),
+    (("run", "shered_cube"), "did you mean 'sheared_cube'?"),
+    (("run", "SHEARED-CUBE"), "did you mean 'sheared_cube'?"),
+    (("run", "sheared_cube.toml"), "did you mean 'sheared_cube'?"),
+    (("run", "mein.toml"), "did you mean 'mine.toml'?"),
+    (("run", "mine"), "did you mean 'mine.toml'?"),
+    (("run", "."), "is a folder, expected a TOML file"),
+    (("run", *SMALL, "--set", "mesh.n", "6"), "--set takes KEY=VALUE in one piece"),
+    (("run", *SMALL, "--out", "mine.toml"), "mine.toml is a file, expected a folder"),
+    (("scenes", "two_block"), "did you mean 'two_blocks'?"),
+    *((("run", "sheared_cube", "--set", setting), said) for setting, said in SETTINGS),
     (("run", "a", "b"), "unexpected argument b"),
     (("run", "a", "--tol", "x"), "'x' is not a number, nor discretisation"),
     (("run", "a", "--engine", "x"), "argument --engine: invalid choice: 'x'"),
     (("run", "a", "--jsn"), "there is no option --jsn, did you mean '--json'?"),
     (("run", "two_blocks", "--set", "mesh.n=9"), "not a whole number of cells"),
-    (("run", *SMALL, "--method", "magic"), "magic"),
-    (("run", *SMALL, "--tol", "-1"), "tol"),
-    (("run", "sheared_cube", "--out", "file/below"), "cannot write to the folder"),
+    (("run", *SMALL, "--method", "newtom"), "did you mean 'newton'?"),
+    (("run", *SMALL, "--tol", "2"), "tol is 2, expected a positive number below 1"),
+    (
+        ("run", "sheared_cube", "--out", "mine.toml/below"),
+        ("cannot write to the folder", "choose another with --out DIR"),
+    ),
     (
         ("solve", "--stiffness", "K.mtx", "--contacts", "c.csv"),
         ": No such file or directory",
@@ -208,13 +244,22 @@ WRONG: list[tuple[tuple[str, ...], str | tuple[str, ...]]] = [
 
 @pytest.mark.parametrize(("words", "message"), WRONG)
 def test_wrong_words_have_a_message(
-    words: tuple[str, ...], message: str | tuple[str, ...], bipot: Bipot
+    words: tuple[str, ...],
+    message: str | tuple[str, ...],
+    bipot: Bipot,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Before any work: nothing is printed as a result, and no file is written."""
-    Path("file").touch()
+    """Before meshing: nothing is printed as a result, and no file is written."""
+
+    def never(*_: object) -> None:
+        raise AssertionError("the mesh is made")
+
+    monkeypatch.setattr("bipot_rs.scene.build.bodies", never)
+    Path("mine.toml").touch()
     parts = (message,) if isinstance(message, str) else message
     status, out, err = bipot(*words)
     assert (status, out) == (2, "")
+    assert err.startswith("bipot: ")
     assert all(part in err for part in parts)
     if words[0] in JSON:
         status, out, err = bipot(*words, "--json")
@@ -224,7 +269,7 @@ def test_wrong_words_have_a_message(
         assert last["success"] is False
         assert words[0] != "run" or last.keys() == LAST_LINE
     files = [path for path in Path().rglob("*") if path.is_file()]
-    assert files == [Path("file")]
+    assert files == [Path("mine.toml")]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from support.runs import bipot, lines
 
 
 @pytest.mark.parametrize("name", shipped())
-@pytest.mark.quick_variants("pressed_block")
+@pytest.mark.slow
 def test_a_shipped_scene_runs_and_its_files_agree(name: str, tmp_path: Path) -> None:
     run = bipot("run", name, "--json", "--plot", "--out", "here", cwd=tmp_path)
     *steps, last = lines(run.stdout)

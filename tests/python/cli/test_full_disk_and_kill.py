@@ -52,7 +52,7 @@ def files(cwd: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("size", [2000, 4096, 30_000])
-@pytest.mark.slow_variants("30000")
+@pytest.mark.quick_variants("4096")
 def test_full_disk(size: int, earlier: dict[str, bytes], tmp_path: Path) -> None:
     assert len(earlier["result.h5"]) > 30_000
     run = bipot_with(

@@ -59,6 +59,7 @@ BODIES = "bipot_rs.fem.paraview:write_bodies"
         ("bipot_rs.files.series:_three", INT, STEPS),
     ],
 )
+@pytest.mark.quick_variants("*require*", "*Condensed*", "*write_bodies*")
 def test_before_the_first_step_and_while_files_are_written(
     before: str, number: signal.Signals, steps: int, tmp_path: Path
 ) -> None:

@@ -24,8 +24,9 @@ from support.runs import FILES
 pytestmark = pytest.mark.xdist_group("ranks")
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
 CLOSE = 1e-10
-# A run must end so many seconds after a rank has failed. Starting Python is part of it.
-SOON = 10
+# A run ends 10 s after a rank has failed, and starts within the other 20 on a busy machine.
+# Without an end it waits for ever, or sleeps for 100 s.
+SOON = 30
 PETSC = ("--engine", "petsc", "--out", "here")
 LONG = ("run", "cyclic_cube", "--set", "mesh.n=3", "--set", "path.steps=6", *PETSC)
 # Makes rank 1 wait in a call of PETSc, or do something else, in the load step with this
@@ -473,24 +474,57 @@ def write_full(*given):
 """
 
 
+IN_PETSC = """
+import bipot_rs.petsc.engine as it
+from bipot_rs.petsc.result import Step
+make_whole, product, steps = Step.make_whole, it.VectorOperations.product, [0]
+def counted(*given):
+    steps[0] += 1
+    return make_whole(*given)
+def failing(*given):
+    if steps[0] == 2:
+        raise MemoryError("no memory here")
+    return product(*given)
+Step.make_whole, it.VectorOperations.product = counted, failing
+"""
+
+
+FULL_DISK = ("cannot write", os.strerror(27))
+MEMORY = "raise MemoryError('no memory here')"
+# What fails on a rank, the exit status, parts of the message, and the load steps kept.
+FAULTS: dict[str, tuple[str, int, tuple[str, ...], set[int]]] = {
+    "agreement": (AT_STEP.format(step=3, what=MEMORY), 2, ("no memory here",), {2, 3}),
+    # The others would wait for ever: after some seconds the rank that fails ends them.
+    "PETSc": (IN_PETSC, 2, ("no memory here", "2 load steps complete"), {2}),
+    "our fault": (
+        AT_STEP.format(step=3, what="raise RuntimeError('strange')"),
+        70,
+        ("internal error", "strange"),
+        {2, 3},
+    ),
+    "disk of bodies": (FULL + "bodies.BodySeries.add = add_full", 2, FULL_DISK, {6}),
+    # The load steps are those of the last checkpoint, which is whole.
+    "disk of results": (FULL + "export._digest = write_full", 2, FULL_DISK, {2}),
+}
+
+
 @pytest.mark.parametrize(
-    ("place", "rank", "steps"),
-    [
-        ("bodies.BodySeries.add = add_full", 1, 6),
-        ("bodies.BodySeries.add = add_full", 0, 6),
-        ("export._digest = write_full", 0, 2),
-    ],
+    ("name", "rank"),
+    # Rank 0 writes the results.
+    [(name, rank) for name in FAULTS for rank in (0, 1)][:-1],
 )
-@pytest.mark.quick_variants("*-1-6")
-def test_a_full_disk_on_one_rank(
-    place: str, rank: int, steps: int, tmp_path: Path
-) -> None:
-    """The load steps are those of the last checkpoint, which is whole."""
-    done = bipot_with(2, *LONG, cwd=tmp_path, fault=FULL + place, at=rank)
-    soon(done, 2, f"rank {rank} of 2", "cannot write", os.strerror(27))
+@pytest.mark.quick_variants("disk of bodies-1")
+def test_an_error_of_one_rank(name: str, rank: int, tmp_path: Path) -> None:
+    fault, status, words, steps = FAULTS[name]
+    done = bipot_with(2, *LONG, "--json", cwd=tmp_path, fault=fault, at=rank)
+    soon(done, status)
+    *_, last = done.lines
+    assert last["message"].startswith(f"rank {rank} of 2: ")
+    assert all(word in last["message"] for word in words)
+    assert not last["success"]
     loaded = bp.load(tmp_path / "here" / RESULT)
-    assert len(loaded) == steps
-    if steps == 6:
+    assert len(loaded) in steps
+    if 6 in steps:
         assert strays(tmp_path / "here") == []
     else:
         assert not loaded.success
@@ -520,57 +554,6 @@ def test_a_killed_rank(rank: int, tmp_path: Path) -> None:
     assert changed(loaded.displacement, whole.displacement) <= CLOSE
 
 
-@pytest.mark.parametrize("rank", [0, 1])
-@pytest.mark.slow
-def test_an_error_of_one_rank_in_a_collective_phase(rank: int, tmp_path: Path) -> None:
-    fault = AT_STEP.format(step=3, what="raise MemoryError('no memory here')")
-    done = bipot_with(2, *LONG, "--json", cwd=tmp_path, fault=fault, at=rank)
-    soon(done, 2)
-    message = done.lines[-1]["message"]
-    assert message.startswith(f"rank {rank} of 2: no memory here")
-    assert len(bp.load(tmp_path / "here" / RESULT)) in ({2} if rank == 0 else {2, 3})
-
-
-IN_PETSC = """
-import bipot_rs.petsc.engine as it
-from bipot_rs.petsc.result import Step
-make_whole, product, steps = Step.make_whole, it.VectorOperations.product, [0]
-def counted(*given):
-    steps[0] += 1
-    return make_whole(*given)
-def failing(*given):
-    if steps[0] == 2:
-        raise MemoryError("no memory here")
-    return product(*given)
-Step.make_whole, it.VectorOperations.product = counted, failing
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rank", [0, 1])
-def test_an_error_of_one_rank_while_others_wait_in_petsc(
-    rank: int, tmp_path: Path
-) -> None:
-    """They would wait for ever: after some seconds the rank that fails ends them."""
-    done = bipot_with(2, *LONG, "--json", cwd=tmp_path, fault=IN_PETSC, at=rank)
-    soon(done, 2)
-    *steps, last = done.lines
-    assert last["message"].startswith(f"rank {rank} of 2: no memory here")
-    assert "2 load steps complete" in last["message"]
-    assert not last["success"]
-    assert [line["step"] for line in steps] == [0, 1]
-    loaded = bp.load(tmp_path / "here" / RESULT)
-    assert len(loaded) == 2
-    assert not loaded.success
-
-
-@pytest.mark.slow
-def test_a_fault_of_one_rank_is_reported(tmp_path: Path) -> None:
-    fault = AT_STEP.format(step=3, what="raise RuntimeError('strange')")
-    done = bipot_with(2, *LONG, cwd=tmp_path, fault=fault)
-    soon(done, 70, "rank 1 of 2", "internal error", "strange")
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.quick_variants("2")
 def test_a_signal_to_mpirun(number: signal.Signals, tmp_path: Path) -> None:
@@ -584,7 +567,7 @@ def test_a_signal_to_mpirun(number: signal.Signals, tmp_path: Path) -> None:
             raise AssertionError("the run does not reach the third load step")
         time.sleep(0.05)
     process.send_signal(number)
-    done = many_ranks.ended(process, 20)
+    done = many_ranks.ended(process, 60)
     assert done.status != 0
     assert done.seconds <= SOON
     three(result, 1)

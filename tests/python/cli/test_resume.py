@@ -17,7 +17,7 @@ from support.bars import bar_problem, pulled
 from support.children import bipot, bipot_with
 from support.comparisons import FIELDS, bits, content
 
-SCENE = ("run", "cyclic_cube", "--set", "mesh.n=6", "--set", "path.steps=9")
+SCENE = ("run", "cyclic_cube", "--set", "mesh.n=3", "--set", "path.steps=9")
 HERE = ("--out", "here")
 
 
@@ -107,7 +107,7 @@ def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) ->
     """The working set is stored: contacts that have opened again are still in it."""
     m = bp.Model("A block pressed onto a ball")
     m.material("soft", young=1.0, poisson=0.3)
-    sides = {"x": np.linspace(-1.0, 1.0, 321), "y": np.linspace(0.0, 0.2, 5)}
+    sides = {"x": np.linspace(-1.0, 1.0, 321), "y": np.linspace(0.0, 0.2, 3)}
     m.body("block", material="soft", cell="quadrilateral", **sides)
     ball = {"point": [-0.2, -4.0], "radius": 4.0}
     m.obstacle("ball", cylinder=ball, move={"x": m.times(0.4, "way")})
@@ -190,7 +190,7 @@ def test_files_that_cannot_be_resumed(broken: Path) -> None:
     for change, words in (
         (lambda f: f.attrs.update(package="0.0.1"), "version 0.0.1 of bipot_rs"),
         (
-            lambda f: f["contacts/gap"].write_direct(np.full(49, 1.0)),
+            lambda f: f["contacts/gap"].write_direct(np.full(16, 1.0)),
             "gap of its contacts differs",
         ),
     ):

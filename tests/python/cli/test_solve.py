@@ -169,15 +169,19 @@ MISTAKES: dict[str, list[tuple[Edit | str, str]]] = {
 
 
 @pytest.mark.parametrize("file", MISTAKES)
-def test_mistakes_name_file_and_line(file: str, tmp_path: Path) -> None:
+def test_mistakes_name_file_and_line(
+    file: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    # In this process: a fork takes longer than to read the files.
+    call = request.getfixturevalue("bipot")
     command, _ = written(tmp_path, "block")
     path = tmp_path / file
     right = path.read_text()
     for edit, words in MISTAKES[file]:
         path.write_text(edit if isinstance(edit, str) else edit(right))
-        run = bipot(*command, "--json", cwd=tmp_path)
-        assert run.returncode == 2, words
-        (last,) = map(json.loads, run.stdout.splitlines())
+        status, out, _ = call(*command, "--json")
+        assert status == 2, words
+        (last,) = map(json.loads, out.splitlines())
         assert words in last["message"]
         assert "\n" not in last["message"]
 

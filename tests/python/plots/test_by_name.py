@@ -206,6 +206,7 @@ def test_a_step_without_values_has_the_bar_of_the_others(
         assert [t.get_text() for t in first.texts] == [told]
 
 
+@pytest.mark.slow
 def test_chosen_scales_are_kept(flat: Any, seen: list[Any], tmp_path: Path) -> None:
     flat.animate(tmp_path / "a.gif", limits=(-5.0, 20.0), dpi=30)
     # The strip of statuses is below the limits.

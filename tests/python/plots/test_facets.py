@@ -217,7 +217,7 @@ def stacked(gap: float) -> tuple[fem.Assembly, bp.Result]:
     ("gap", "scale", "said"),
     [(0.05, 5.0, True), (0.05, 1.0, False), (0.0, 5.0, False), (1e-9, 5.0, False)],
 )
-@pytest.mark.quick_variants("0.05-*")
+@pytest.mark.quick_variants("0.05-5.0-*")
 def test_gaps_between_bodies_are_not_enlarged(
     gap: float, scale: float, said: bool
 ) -> None:

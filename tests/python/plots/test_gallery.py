@@ -21,7 +21,7 @@ def gallery() -> dict[str, Any]:
 @pytest.mark.parametrize(
     "name", ["tractions", "status", "slip", "deformed", "deformed_near"]
 )
-@pytest.mark.slow_variants("*deformed*")
+@pytest.mark.quick_variants("tractions")
 def test_pictures_are_drawn(gallery: dict[str, Any], name: str, tmp_path: Path) -> None:
     (written,) = gallery["draw"](tmp_path, [name], dpi=50)
     picture = plt.imread(written)[..., :3]

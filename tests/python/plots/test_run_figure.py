@@ -86,6 +86,7 @@ def test_line(tmp_path: Path) -> None:
     assert "load step" not in texts  # one step is not a path
 
 
+@pytest.mark.slow
 def test_a_plane_where_nothing_is_pressed(tmp_path: Path) -> None:
     _, texts, _ = figure_of(plane(4), tmp_path / "a.png", 2, pressed=False)
     assert "open (16)" in texts

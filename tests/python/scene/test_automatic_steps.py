@@ -99,6 +99,7 @@ def test_failed_path_reports_the_last_solved_load(tmp_path: Path) -> None:
     assert "step 2: load 0.25, " in text
 
 
+@pytest.mark.slow
 def test_resumed_to_the_same_files(tmp_path: Path) -> None:
     settings = [word for setting in SLIDING for word in ("--set", setting)]
     resumed("two_blocks", "--out", "here", *settings, cwd=tmp_path)

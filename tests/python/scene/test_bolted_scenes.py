@@ -36,6 +36,7 @@ FIELDS = ("reaction", "slip", "status", "displacement", "shortening", "bolt_forc
 
 
 @pytest.mark.parametrize("engine", ["direct", "iterative"])
+@pytest.mark.slow_variants("iterative")
 def test_a_path_continues_with_the_same_bits(engine: str, tmp_path: Path) -> None:
     model = hook(engine)
     whole, case = model.solve(), model.assemble()

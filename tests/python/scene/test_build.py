@@ -60,7 +60,7 @@ def mortar() -> bp.Model:
 @pytest.mark.parametrize(
     "made", [roller, of_file, mortar, blocks], ids=lambda f: f.__name__
 )
-@pytest.mark.slow_variants("roller")
+@pytest.mark.quick_variants("of_file", "mortar")
 def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
     m = made()
     (tmp_path / "there").mkdir()
@@ -225,6 +225,8 @@ def test_surfaces_by_geometry() -> None:
         ({"mesh.element": "P2"}, ("triangle", 2)),
         ({"mesh.element": "Q2"}, ("quadrilateral", 2)),
         ({"mesh.element": "P1", "body.block.order": 2}, ("triangle", 1)),
+        ({"body.block.cell": "triangle"}, ("triangle", 1)),
+        ({"body.block.cell": "triangle", "mesh.element": "Q1"}, ("quadrilateral", 1)),
     ],
 )
 def test_orders(settings: dict[str, Any], kinds: tuple[str, int]) -> None:

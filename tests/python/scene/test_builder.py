@@ -167,8 +167,6 @@ def test_contacts_with_names(bipot: Any) -> None:
     status, _, err = bipot("plot", "out", "--on", "rigth")
     assert status == 2
     assert "expected one of left, right, did you mean 'right'?" in err
-    one = ("--set", "contact.right.mu=0.1,0.5", "--jobs", "1")
-    assert bipot("sweep", "two.toml", *one)[0] == 0
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Mistakes of newcomers and their messages: each message says what to do."""
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,71 +24,6 @@ def said(bipot: Any) -> Any:
 
 
 RUN = ("run", "sheared_cube")
-# A setting of `sheared_cube`, and what is said about it.
-SETTINGS = [
-    ('material.steel.young="7E"', "material.steel.young: should be a valid number,"),
-    ('support.0.z="x"', "support.0.z: should be a valid number"),
-    ('support.0.z={ value = "x" }', "support.0.z.value: should be a valid number"),
-    (
-        'pressure=[{ on = "cube.top", value = { amplitude = "a" } }]',
-        "pressure.0.value: should be a valid number; write amplitude as a key",
-    ),
-    ('path.amplitude.press=[1.0, "x"]', "path.amplitude.press.1: should be a valid"),
-    ("n=6", "n: unknown key, did you mean mesh.n?"),
-    ("mesh.N=6", "did you mean mesh.n?"),
-    ("mu=0.1", "did you mean contact.0.mu?"),
-    ("material.steel.youngs=1", "did you mean material.steel.young?"),
-    ("material.steel.E=1", "unknown key, expected one of young, poisson"),
-    ("material.steal.young=1", "there is no material 'steal', expected one of steel,"),
-    ("contact.mu=0.1", "contact is a list of 1 entry, expected contact.0"),
-]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("sheared_cube",), "to solve a scene: bipot run sheared_cube"),
-        (("mine.toml",), "to solve a scene: bipot run mine.toml"),
-        (("mine",), "to solve a scene: bipot run mine.toml"),
-        (("torque",), "bipot --help lists the commands"),
-        (("chek", "sheared_cube"), "did you mean 'check'"),
-        (("run", "shered_cube"), "did you mean 'sheared_cube'?"),
-        (("run", "pressed-block"), "did you mean 'pressed_block'?"),
-        (("run", "SHEARED_CUBE"), "did you mean 'sheared_cube'?"),
-        (("run", "sheared_cube.toml"), "did you mean 'sheared_cube'?"),
-        (("run", "mein.toml"), "did you mean 'mine.toml'?"),
-        (("run", "mine"), "did you mean 'mine.toml'?"),
-        (("sweep",), "required: SCENE; bipot sweep --help lists the"),
-        (("scenes", "two_block"), "did you mean 'two_blocks'?"),
-        (("run", "."), "is a folder, expected a TOML file"),
-        *(((*RUN, "--set", setting), said) for setting, said in SETTINGS),
-        ((*RUN, "--set", "mesh.n", "6"), "--set takes KEY=VALUE in one piece"),
-        ((*RUN, "--method", "newtom"), "did you mean 'newton'?"),
-        ((*RUN, "--tol", "2"), "tol is 2, expected a positive number below 1"),
-        ((*RUN, "--out", "mine.toml/x"), "choose another with --out DIR"),
-        ((*RUN, "--out", "mine.toml"), "mine.toml is a file, expected a folder"),
-    ],
-)
-def test_command_line(
-    arguments: tuple[str, ...], sentence: str, said: Any, monkeypatch: Any
-) -> None:
-    """Before meshing: a wrong method must not be reported after minutes of it."""
-
-    def never(*_: object) -> None:
-        raise AssertionError("the mesh is made")
-
-    monkeypatch.setattr("bipot_rs.scene.build.bodies", never)
-    Path("mine.toml").write_text("")
-    told = said(*arguments)
-    assert sentence in told
-    assert "\n" not in told
-
-
-def test_an_unknown_option_with_json(bipot: Any) -> None:
-    """The message is in the last line of standard output."""
-    status, out, _ = bipot("run", "--json", "sheared_cube", "--fast")
-    assert status == 2
-    assert "there is no option --fast" in out
 
 
 def test_too_large_mesh_is_refused_before_meshing(

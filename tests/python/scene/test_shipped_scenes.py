@@ -101,20 +101,6 @@ def test_second_route(
     assert np.all(error <= 1e-8), error
 
 
-def test_second_method() -> None:
-    """The paper's iteration with a smaller tolerance, on the scene with the longest history."""
-    _, result = solve("cyclic_cube", "mesh.n=4")
-    _, other = solve("cyclic_cube", "mesh.n=4", method="uzawa", tol=1e-13)
-    area = np.ones(result.reaction.shape[1])
-    error = traction_error(result.reaction, other.reaction, area)
-    assert np.all(error <= 1e-8), error
-    # A node exactly at the friction limit may be SLIP in one and STICK in the other. Then its
-    # slip must be zero, to the same accuracy.
-    length = np.linalg.norm(result.slip, axis=2)
-    differs = result.status != other.status
-    assert np.all(length[differs] <= 1e-8 * length.max())
-
-
 def test_cattaneo_mindlin_approaches_the_closed_form() -> None:
     """Pressure and shear of two equal round bodies, for the discrete load."""
     n, radius, mu = 20, 100.0, 0.3
@@ -320,21 +306,6 @@ def test_linear_cells_converge_to_the_same_solution() -> None:
     # The energy error of each decreases with h² or, at the ends of contact, more slowly.
     assert gaps[0] / gaps[1] > 2**1.5
     assert gaps[1] / gaps[2] > 2**1.5
-
-
-@pytest.mark.parametrize(
-    ("settings", "kind"),
-    [
-        (["body.block.cell=triangle"], "MeshTri1"),
-        (["mesh.element=P1"], "MeshTri1"),
-        (["body.block.cell=triangle", "mesh.element=Q1"], "MeshQuad1"),
-    ],
-)
-def test_triangles_of_a_scene_keep_the_given_element(
-    settings: list[str], kind: str
-) -> None:
-    read = scene.read("pressed_block", ["mesh.n=2", *settings])
-    assert scene.bodies(read)[0].kind.of_mesh == kind
 
 
 @pytest.mark.parametrize("name", ["pressed_block", "sheared_cube"])
