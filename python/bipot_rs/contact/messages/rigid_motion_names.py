@@ -201,15 +201,25 @@ def _list_contacts(contacts: NDArray[np.intp]) -> str:
 def name_motions(fields: Floats, axes: tuple[str, ...], whose: str) -> list[str]:
     """Describe the space of motions that ``fields (k, n_c, d)`` span.
 
-    Translations along an axis are named; all other motions are rotations.
+    Translations are named, those along an axis first; all other motions are rotations.
     """
     touched = np.abs(fields).max(axis=(0, 2)) > 0
+    count, d = int(touched.sum()), fields.shape[2]
     span, _ = np.linalg.qr(fields[:, touched].reshape(len(fields), -1).T)
-    words = []
-    for axis, unit in zip(axes, np.eye(fields.shape[2]), strict=False):
-        shift = np.tile(unit, int(touched.sum())) / np.sqrt(touched.sum())
-        # This is 1e-8 by rounding for a free translation, and large for a rotation.
-        if np.linalg.norm(shift - span @ (span.T @ shift)) <= 1e-6:
+    uniform = np.tile(np.eye(d), (count, 1)) / np.sqrt(max(count, 1))
+    # This is 1e-8 by rounding for a free translation, and large for a rotation.
+    left = uniform - span @ (span.T @ uniform)
+    _, off, directions = np.linalg.svd(left, full_matrices=False)
+    free, words = directions[off <= 1e-6], []
+    for axis, unit in zip(axes, np.eye(d), strict=False):
+        if np.linalg.norm(unit - (free @ unit) @ free) <= 1e-6:
             words.append(f"translation along {axis}, {whose}")
-    turns = len(fields) - len(words)
-    return words + [f"rotation, {whose}"] * turns
+            across = free - np.outer(free @ unit, unit)
+            _, size, others = np.linalg.svd(across, full_matrices=False)
+            free = others[size > 0.5]
+    shown = ", ".join(axes[:d])
+    words += [
+        f"translation along {_format_numbers(v, True)} in ({shown}), {whose}"
+        for v in free
+    ]
+    return words + [f"rotation, {whose}"] * (len(fields) - len(words))

@@ -1,6 +1,7 @@
 """Rigid motions that supports leave free are found, named, and held by contact."""
 
 import pickle
+import re
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,16 @@ def test_supports_take_motions_away(axis: int) -> None:
         body.K, body.B, gap=body.gap, mu=0.3, fixed=fixed, frame=frame
     )
     assert words(problem) == [f"translation along {'y' if axis == 0 else 'x'}"]
+    # The same block in a plane that is turned: a direction between the axes is no rotation.
+    frame = np.broadcast_to([[0.6, 0.8], [-0.8, 0.6]], frame.shape)
+    problem = bp.ContactProblem(
+        body.K, body.B, gap=body.gap, mu=0.3, fixed=fixed, frame=frame
+    )
+    (motion,) = problem.rigid_motions
+    along = re.match(r"translation along \((.*)\) in \(x, y\), degree of", motion)
+    assert along is not None
+    turned = np.array([float(x) for x in along[1].split(",")])
+    np.testing.assert_allclose(abs(turned @ frame[0, axis]), 1.0, rtol=1e-3)
 
 
 def test_a_mechanism_held_by_contact() -> None:
