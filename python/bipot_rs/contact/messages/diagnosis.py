@@ -428,7 +428,8 @@ def _check_rounding_of_motions(
 def _check_sliding(tried: FailedSolve, r: Floats) -> Finding | None:
     """Loads that work more on a sliding of a body than friction can at these pressures.
 
-    A sliding is a rigid motion that moves no pressed contact along its normal.
+    A sliding is a rigid motion that moves no pressed contact along its normal, and that closes
+    no open one.
     """
     few = 0 < r.size <= tuning.DENSE_DIAGNOSIS
     modes = tried.modes() if few and np.isfinite(r).all() else np.empty(0)
@@ -441,7 +442,10 @@ def _check_sliding(tried: FailedSolve, r: Floats) -> Finding | None:
     slides = rows[np.count_nonzero(sizes > _UNCOUPLED) :]
     # The sliding on which the loads work most, by their work on each.
     work = slides @ loads
-    moved = by_contact[:, 1:] @ (work @ slides)
+    velocity = by_contact @ (work @ slides)
+    opening, moved = velocity[:, 0], velocity[:, 1:]
+    if opening[push == 0].min(initial=0.0) < -_UNCOUPLED * np.abs(velocity).max():
+        return None
     held = float(push @ dissipation(tried.mu, moved))
     if tried.law.cohesion is not None:
         held += float(tried.law.cohesion @ np.linalg.norm(moved, axis=1))

@@ -355,3 +355,24 @@ def test_many_rigid_motions_are_not_made_dense() -> None:
     tried = FailedSolve("auto", None, ContactLaw(np.full(n, 0.3)), lambda: None, modes=refuse,
         loads=lambda: np.ones(6), several=lambda _: False)  # fmt: skip
     assert "forces are not in balance" in diagnose(tried, stopped, apart)
+
+
+@pytest.mark.parametrize(("pull", "named"), [(1.0, False), (-1.0, True), (-0.2, False)])
+def test_a_body_slides_to_a_stop_or_away_from_it(pull: float, named: bool) -> None:
+    """Friction of 0.3 on the floor; an open contact ahead takes what is more."""
+    solution = bp.ReducedProblem(np.eye(4), np.ones((2, 2)), 0.3).solve()
+    r, v = (
+        np.array([[1.0, -0.3 * pull], [0.0, 0.0]]),
+        np.array([[0.0, 0.0], [1.0, 0.0]]),
+    )
+    stalled = replace(solution, reaction=r, outcome=bp.Outcome.STALLED, residual=1.0)
+    tried = FailedSolve(
+        "auto",
+        None,
+        ContactLaw(np.full(2, 0.3)),
+        lambda: None,
+        modes=lambda: np.array([[0.0], [1.0], [-1.0], [0.0]]),
+        loads=lambda: np.array([pull]),
+        several=lambda _: False,
+    )
+    assert ("friction" in names(diagnose(tried, stalled, v))) == named
