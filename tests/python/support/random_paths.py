@@ -105,14 +105,10 @@ def random_path(kind: str, d: int, seed: int) -> tuple[Given, Data]:
         fixed = np.sort(rng.choice(np.arange(m, n), size=1))
     if kind == "working set":
         more["working_set"] = True
-    if kind == "elliptic" and d == 3:
-        mu = rng.uniform(0.1, 0.7, (contacts, 2))
-    else:
-        mu = (
-            np.full(contacts, 0.0)
-            if kind == "frictionless"
-            else _friction(rng, contacts)
-        )
+    mu = np.zeros(contacts)
+    if kind != "frictionless":
+        two = kind == "elliptic" and d == 3
+        mu = rng.uniform(0.1, 0.7, (contacts, 2) if two else contacts)
     per_step = kind == "moving"
     gap = 0.3 * np.abs(rng.normal(size=(contacts, d)))
     gap[:, 1:] = 0.1 * rng.normal(size=(contacts, d - 1))
@@ -126,10 +122,6 @@ def random_path(kind: str, d: int, seed: int) -> tuple[Given, Data]:
         path_problem = replace(path_problem, before=first)
         data = replace(data, load=data.load + _loads(rng, kind, B, contacts, d, steps))
     return path_problem, data
-
-
-def _friction(rng: np.random.Generator, contacts: int) -> Array:
-    return rng.uniform(0.1, 0.7, contacts)
 
 
 def _definite(rng: np.random.Generator, n: int) -> Array:
@@ -172,13 +164,10 @@ def random_direction(data: Data, seed: int) -> Data:
     """Changes of all data."""
     rng = np.random.default_rng([7, seed])
     change = rng.normal(size=data.K.shape)
-    change = change + change.T
     # On the pattern of K, and without work on the rigid motions of a floating body.
-    change *= data.K != 0
-    free = np.linalg.svd(data.K)
-    zero = free[2][free[1] < 1e-12 * free[1].max()]
-    change = 0.05 * change
-    if len(zero):
+    change = 0.05 * (change + change.T) * (data.K != 0)
+    sizes = np.linalg.svd(data.K, compute_uv=False)
+    if sizes.min() < 1e-12 * sizes.max():
         change = 0.05 * data.K
     return Data(
         rng.normal(size=data.load.shape),
@@ -212,12 +201,12 @@ def differences(
 
 def apart(found: Any, expected: dict[str, Array]) -> float:
     """Largest difference of derivatives, each relative to the largest of its field."""
-    worst = 0.0
+    worst, least = (
+        0.0,
+        1e-3 * max(np.abs(e).max(initial=0.0) for e in expected.values()),
+    )
     for name, reference in expected.items():
-        size = np.abs(reference).max(initial=0.0)
-        size = max(
-            size, max(np.abs(e).max(initial=0.0) for e in expected.values()) * 1e-3
-        )
+        size = max(np.abs(reference).max(initial=0.0), least)
         off = np.abs(getattr(found, name) - reference).max(initial=0.0)
         worst = max(worst, off / size if size else off)
     return worst
@@ -230,14 +219,9 @@ def cotangents(result: bp.Result, seed: int) -> dict[str, Array]:
 
 def products(gradient: Any, by: Data) -> float:
     """⟨vjp, d⟩."""
-    terms = [
-        np.sum(gradient.load * by.load),
-        np.sum(gradient.prescribed * by.prescribed),
-        np.sum(gradient.gap * by.gap),
-        np.sum(gradient.mu * by.mu),
-        (gradient.K * sparse.csr_array(by.K)).sum(),
-    ]
-    return float(sum(terms))
+    names = ("load", "prescribed", "gap", "mu")
+    terms = (np.sum(getattr(gradient, name) * getattr(by, name)) for name in names)
+    return float(sum(terms) + (gradient.K * sparse.csr_array(by.K)).sum())
 
 
 def solvable(

@@ -137,9 +137,3 @@ def test_what_needs_the_compliance_is_direct() -> None:
         assert choose(*size, before=before, copies=501)[0] == before
     with pytest.raises(ValueError, match="engine='iterative' has only"):
         choice.choose_engine("iterative", *(3, *size), None, method="uzawa")
-
-
-def test_the_model_of_memory() -> None:
-    """The measured factors: 12 GB at 500,000 unknowns, W of 7.2 GB for 10,000 contacts."""
-    assert choice.forecast_bytes(500_000, 0) == pytest.approx(12e9, rel=0.1)
-    assert choice.forecast_bytes(0, 10_000) == pytest.approx(7.2e9)

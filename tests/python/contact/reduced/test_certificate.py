@@ -14,7 +14,7 @@ import bipot_rs as bp
 from support.bodies import block
 from support.methods import METHODS, NEED_SUPPORTS
 from support.random_problems import KINDS, Given, random_problem
-from support.signorini_coulomb import Missed, inequalities, judge
+from support.signorini_coulomb import Missed, judge
 
 Array = NDArray[np.float64]
 
@@ -186,26 +186,6 @@ def test_a_planted_error_is_found(how: str, d: int) -> None:
     assert judged(drawn, right).worst <= FACTOR * 1e-12
     assert judged(drawn, wrong).worst > BROKEN
     assert drawn.problem().residual(wrong) > BROKEN
-
-
-def test_each_inequality_alone() -> None:
-    """One contact, W = I; each condition of the law is violated by a tenth."""
-    unit_mu, still = np.ones(1), np.array([[-1.0, 0.0]])
-    cases = {
-        "penetration": ([[1.0, 0.0]], [[-0.1, 0.0]]),
-        "pull": ([[-0.1, 0.0]], [[0.0, 0.0]]),
-        "open_and_pressed": ([[1.0, 0.0]], [[0.1, 0.0]]),
-        "beyond_the_limit": ([[1.0, 0.6]], [[0.0, 0.0]]),
-        "slip_not_opposed": ([[1.0, 0.5]], [[0.0, 0.1]]),
-    }
-    for name, (r, v) in cases.items():
-        missed = inequalities(np.array(r), np.array(v), 0.5, unit_mu, still)
-        # The slip counts in proportion to the force in the wrong direction, 1 of 1.6.
-        expected = 0.1 / 1.6 if name == "slip_not_opposed" else 0.1
-        assert getattr(missed, name) == pytest.approx(expected, rel=1e-12)
-        # A tensile contact also violates its friction limit: μ r_n < 0.
-        others = 0.5 * 0.1 if name == "pull" else 0.0
-        assert missed._replace(**{name: 0.0}).worst == pytest.approx(others, abs=1e-15)
 
 
 def test_overlapping_walls_have_no_solution_if_a_body_slides_away() -> None:

@@ -97,32 +97,6 @@ def test_b_is_the_papers_functional_of_the_fields(k: int) -> None:
             )
 
 
-def test_each_field_is_the_minimum_for_the_other() -> None:
-    result = Two.result(tol=1e-13)
-    step, sequence = result[1], result[1].minimising_sequence
-    u = step.minimising_displacements()
-    f = Functionals.of_step(
-        of_problem(Two.problem(), Two.K), result, 1, increments=False
-    )
-    rng = np.random.default_rng(0)
-    values = sequence.bifunctional
-    tried = 0
-    for _ in range(200):
-        size = 10.0 ** rng.uniform(-3, 0)
-        i = int(rng.integers(len(sequence)))
-        trial = u[i] + size * rng.normal(size=4)
-        # Infinite outside the domain, and for σ_i beyond the minimum of its first step.
-        value = f.bifunctional(trial, sequence.reaction[i])
-        if np.isfinite(value):
-            assert value >= values[2 * i] - 1e-13
-            tried += 1
-        if i + 1 < len(sequence.reaction):
-            other = sequence.reaction[i + 1] + size * rng.normal(size=(2, 2))
-            other = bp.project(other, 0.4)[0]
-            assert f.excess(u[i], other) >= values[2 * i + 1] - 1e-13
-    assert tried > 20
-
-
 def test_elliptic_friction_has_the_fields_in_the_variables_of_the_caller() -> None:
     W = np.diag([1.0, 1.0, 2.0])
     problem = bp.ReducedProblem(W, [[-1.0, 1.0, 1.5]], [[0.6, 0.3]])
