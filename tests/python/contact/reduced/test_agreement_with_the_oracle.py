@@ -85,20 +85,6 @@ def test_held_by_contact_alone(dim: int) -> None:
             assert violation(r, v, MU, q) <= 1e-8
 
 
-def test_measured_asymmetry_is_kept() -> None:
-    # A measured, asymmetric W is solved as given, and not made symmetric.
-    rng = np.random.default_rng(9)
-    W, q = compliance(rng, 12), pressed(rng, 4, 3)
-    W += 0.02 * rng.normal(size=W.shape)
-    solution = bp.ReducedProblem(W, q, MU).solve(tol=TOL)
-    expected = follow(Problem(W, q, MU))
-    np.testing.assert_allclose(
-        solution.reaction, expected.r, atol=1e-9 * np.abs(expected.r).max()
-    )
-    mean = follow(Problem((W + W.T) / 2, q, MU))
-    assert np.abs(mean.r - expected.r).max() > 1e-4
-
-
 def test_each_violation_is_found() -> None:
     r, v = np.array([[1.0, -0.5]]), np.array([[0.0, 2.0]])
     assert violation(r, v, 0.5) == 0
