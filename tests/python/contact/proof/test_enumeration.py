@@ -60,6 +60,22 @@ def test_a_slider_pushed_off_its_spring_has_no_answer() -> None:
     assert [s.unique for s in two] == ["others exist"] * 2
 
 
+@pytest.mark.parametrize(("mu", "softness"), [(5.0, 1e-8), (50.0, 1e-9)])
+@pytest.mark.parametrize("far", [0.0, 1 / 3, -8.8])
+def test_rounding_of_a_large_motion_is_no_proof(
+    mu: float, softness: float, far: float
+) -> None:
+    """The motion cancels ``q``, and one contact sticks: ``W r`` is rounding of ``q`` then."""
+    W = softness * np.array([[1.0, 1.0], [1.0, 2.5]])
+    R = np.array([[1.0], [-1.0]])
+    problem = bp.ReducedProblem(W, [[far, -far]], mu, rigid=(R, [-1.0]))
+    solution, answers = problem.solve(), problem.answers()
+    # (W r)_n + (W r)_t = 0 and r_n - r_t = 1. At q = 8.8 no digit of W r is left to judge.
+    np.testing.assert_allclose(solution.reaction, [[7 / 11, -4 / 11]], rtol=1e-6)
+    assert solution.outcome.value in ("converged", "stalled")
+    assert answers or not answers.complete
+
+
 def test_redundant_contacts_leave_the_answers_incomplete() -> None:
     # The same contact twice: the sum of the two reactions is determined, each one is not.
     W = np.tile([[0.5, 0.1], [0.1, 1.0]], (2, 2))
