@@ -27,8 +27,10 @@ const GROUP: usize = 4;
 const BALANCED: f64 = 32.0;
 
 /// The same for all rows together, relative to the forces: above it no digit of `K u` is
-/// correct, for any rounding of its terms.
+/// correct, for any rounding of its terms. Forces count as at least the rounding of what cancels
+/// in them: reactions may carry the loads of their own nodes, and nothing else is left.
 const NO_DIGITS: f64 = 0.1;
+const CANCELLED: f64 = BALANCED * f64::EPSILON / NO_DIGITS;
 
 /// Displacements and their distance from equilibrium.
 #[derive(Debug)]
@@ -48,7 +50,7 @@ pub struct Imbalance {
     pub by_row: f64,
     /// The degree of freedom of this row, in the numbering of the caller.
     pub dof: usize,
-    /// `‖f + Bᵀ r − K u‖` over `‖f + Bᵀ r‖`.
+    /// `‖f + Bᵀ r − K u‖` over `‖f + Bᵀ r‖`, or over its rounding if that is larger.
     pub of_forces: f64,
 }
 
@@ -318,7 +320,9 @@ impl Body {
             .flat_map(|f| self.ordered.scale_forces(f))
             .collect();
         let mut u = self.response(factor, &forces, Some(pushes), rigid);
-        for (f, p) in forces.iter_mut().zip(pushes) {
+        let mut terms = forces.clone();
+        for ((f, term), p) in forces.iter_mut().zip(&mut terms).zip(pushes) {
+            *term = term.abs() + p.abs();
             *f += p;
         }
         // If contacts of a slender body hardly move, the rounding of its displacements is large
@@ -333,7 +337,8 @@ impl Body {
         for _ in 0..=tuning::most_corrections() {
             let imbalance = |&k: &usize| {
                 let low = fine.then(|| &low[column(k)]);
-                self.left(&u[column(k)], low, &forces[column(k)])
+                let rounding = CANCELLED * norm(&terms[column(k)]);
+                self.left(&u[column(k)], low, &forces[column(k)], rounding)
             };
             let found: Vec<(Vec<f64>, Imbalance)> = open.par_iter().map(imbalance).collect();
             let mut rest = Vec::new();
@@ -403,7 +408,13 @@ impl Body {
 
     /// `f − K u` without its rigid part, which contact balances up to the tolerance, and its
     /// size.
-    fn left(&self, u: &[f64], low: Option<&[f64]>, force: &[f64]) -> (Vec<f64>, Imbalance) {
+    fn left(
+        &self,
+        u: &[f64],
+        low: Option<&[f64]>,
+        force: &[f64],
+        rounding: f64,
+    ) -> (Vec<f64>, Imbalance) {
         let (mut rest, size) = self.ordered.stiffness.residual_and_size(u, low, force);
         let work: Vec<f64> = self
             .contact
@@ -428,7 +439,7 @@ impl Body {
                 worst
             }
         });
-        let forces = norm(force);
+        let forces = norm(force).max(rounding);
         let left = Imbalance {
             by_row,
             dof: self.dofs()[row],

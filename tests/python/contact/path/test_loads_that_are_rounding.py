@@ -5,6 +5,7 @@ pushes it sideways, the work of its weight on this motion is rounding; where hea
 the gap exactly, so is the gap that is left.
 """
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -88,3 +89,30 @@ def test_an_overlap_without_loads(seed: int) -> None:
     result = model.problem().solve(np.zeros(model.n))
     assert result.reaction[-1, :, 0].sum() > 0
     assert result.success
+
+
+def test_reactions_that_carry_the_loads_of_their_own_nodes() -> None:
+    """A free truss falls through gaps on three planes: no bar is loaded, it moves rigidly."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        n = int(rng.integers(3, 6))
+        nodes = rng.normal(size=(n, 2))
+        K, B = np.zeros((2 * n, 2 * n)), np.zeros((6, 2 * n))
+        for i, j in itertools.combinations(range(n), 2):
+            length = np.linalg.norm(nodes[i] - nodes[j])
+            bar = np.zeros((n, 2))
+            bar[i] = (nodes[i] - nodes[j]) / length
+            bar[j] = -bar[i]
+            stiffness = 10 ** rng.uniform(-1, 1) / length
+            K += stiffness * np.outer(bar, bar)
+        for i, angle in enumerate(0.5 * rng.normal(size=3)):
+            normal = np.array([np.sin(angle), np.cos(angle)])
+            B[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [normal, [normal[1], -normal[0]]]
+        r = np.column_stack([rng.uniform(0.1, 1, 3), np.zeros(3)])
+        turned = np.column_stack([-nodes[:, 1], nodes[:, 0]])
+        moved = (rng.normal(size=2) + rng.normal() * turned).ravel()
+        problem = bp.ContactProblem(K, B, gap=-(B @ moved)[::2], mu=0.0, dim=2)
+        step = problem.solve(-B.T @ r.ravel())[0]
+        np.testing.assert_allclose(step.reaction, r, rtol=1e-8, atol=1e-8)
+        # Planes may cross at a small angle.
+        np.testing.assert_allclose(step.displacement, moved, rtol=1e-6, atol=1e-6)
