@@ -18,6 +18,16 @@ const IN_SPACE: f64 = 1e-10;
 /// A direction leaves the cones by at most this share of its size.
 const RAY: f64 = 1e-9;
 
+/// A gap below this share of the value and of the cost is no reason for a second search.
+const CLOSE: f64 = 1e-6;
+
+/// `δ` of searches for the least `cost·y + ½ δ‖y‖²`. Where self-stresses leave `y` without a bound
+/// at the same cost, the point of the plain search is so large that its rounding hides the cost.
+const DAMPING: [f64; 3] = [1e-3, 1e-6, 1e-9];
+
+/// Points of two dampings whose lengths differ by a smaller factor have a bound.
+const FAR: f64 = 10.0;
+
 /// The largest share of `y = 0` in a point, which removes what rounding left outside.
 const SHRINK: f64 = 1e-10;
 
@@ -53,7 +63,42 @@ pub struct Optimum {
 impl ConeSet {
     /// Finds the least `½ yᵀP y + cost·y`, or a direction without one.
     pub fn minimise(&self, cost: &[f64], limits: Limits) -> Result<Optimum, Error> {
+        let mut best = self.search(cost, 0.0, limits)?;
+        let mut before: Option<Vec<f64>> = None;
+        for damping in DAMPING {
+            let enough = CLOSE * (dot(cost, &best.y).abs() + norm(cost));
+            if !best.bounded || best.gap <= enough || !self.quadratic.values.is_empty() {
+                break;
+            }
+            let damped = self.search(cost, damping, limits)?;
+            // Along a direction without bound, points of two dampings differ by it alone.
+            let far = |before: &Vec<f64>| amax(&damped.y) > FAR * amax(before);
+            if let Some(before) = before.filter(far) {
+                let step = damped.y.iter().zip(before).map(|(y, before)| y - before);
+                if let Some(y) = self.find_ray(&step.collect::<Vec<_>>(), cost) {
+                    best = Optimum {
+                        y,
+                        bounded: false,
+                        gap: 0.0,
+                        multipliers: damped.multipliers,
+                    };
+                    break;
+                }
+            }
+            before = Some(damped.y.clone());
+            if !damped.bounded || damped.gap < best.gap {
+                best = damped;
+            }
+        }
+        Ok(best)
+    }
+
+    /// The optimum of `cost` from a search for the least `½ yᵀP y + cost·y + ½ damping ‖y‖²`.
+    fn search(&self, cost: &[f64], damping: f64, limits: Limits) -> Result<Optimum, Error> {
         let mut programme = Programme::new(self.unknowns);
+        if damping > 0.0 {
+            programme.square(0..self.unknowns, damping);
+        }
         programme.cost.copy_from_slice(cost);
         for row in 0..self.quadratic.pointer.len() - 1 {
             for (column, value) in self.quadratic.entries(row).filter(|(j, _)| *j >= row) {
@@ -128,21 +173,18 @@ impl ConeSet {
         cost: &[f64],
     ) -> (Vec<f64>, bool, f64) {
         let (equations, multipliers) = dual;
-        let moved = product(&self.rows, &y);
         let point = |y: &[f64]| -> Vec<f64> {
             let moved = product(&self.rows, y).into_iter();
             moved.zip(&self.offset).map(|(s, h)| s + h).collect()
         };
-        let falls = -dot(cost, &y);
-        let along = norm(&product(&self.equations, &y));
-        let size = amax(&moved);
-        let outside = -least(&self.depths(&moved));
-        let still = along <= RAY * norm(&y) * norm(&self.equations.values).max(1.0);
+        let value = dot(cost, &y);
         let least_bound = dot(equations, &self.right) - dot(&self.offset, multipliers);
         let balanced = self.leaves(&y) <= 1e-6 * (norm(&self.right) + norm(&y));
-        let bound_holds = (-falls - least_bound).abs() <= 1e-4 * (falls.abs() + least_bound.abs());
-        if falls > 0.0 && outside <= RAY * size && still && !(balanced && bound_holds) {
-            return (y.iter().map(|y| y / falls).collect(), false, 0.0);
+        let bound_holds = (value - least_bound).abs() <= 1e-4 * (value.abs() + least_bound.abs());
+        if !(balanced && bound_holds)
+            && let Some(ray) = self.find_ray(&y, cost)
+        {
+            return (ray, false, 0.0);
         }
         if self.right.is_empty() {
             // A share of y = 0, which is in the cones, removes what rounding left outside.
@@ -171,6 +213,18 @@ impl ConeSet {
         let rest = short * reach + wide * firsts(multipliers);
         let rest = rest + norm(&missing) * norm(&y) + self.leaves(&y) * norm(equations);
         (y, true, gap + rest)
+    }
+
+    /// The direction of `y`, with a cost of −1, if the function falls along it without bound.
+    fn find_ray(&self, y: &[f64], cost: &[f64]) -> Option<Vec<f64>> {
+        let falls = -dot(cost, y);
+        let moved = product(&self.rows, y);
+        let along = norm(&product(&self.equations, y));
+        // Along self-stresses without an end, rounding of a large `y` has a cost too.
+        let descends = falls > RAY * norm(y) * norm(cost);
+        let inside = -least(&self.depths(&moved)) <= RAY * amax(&moved);
+        let still = along <= RAY * norm(y) * norm(&self.equations.values).max(1.0);
+        (descends && inside && still).then(|| y.iter().map(|y| y / falls).collect())
     }
 
     /// `‖E y − f‖`.

@@ -16,6 +16,9 @@ const ABOVE: [f64; 7] = [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4];
 /// Shares below it, at which reactions are measured.
 const BELOW: [f64; 8] = [0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-6, 1e-4, 1e-2];
 
+/// An interval of the multiplier that is this share of it is not halved.
+const NARROW: f64 = 1e-8;
+
 /// The largest multiplier, from both sides.
 #[derive(Clone, Debug)]
 pub struct LimitLoad {
@@ -77,7 +80,7 @@ pub fn find_limit(
             0.0
         };
         let mut repair = Repair::new(statics, &part, &lengths);
-        let mut bounded: Option<(f64, Vec<f64>, f64)> = None;
+        let mut bounded: Option<Bound> = None;
         for above in ABOVE {
             // The dead load alone may be at its limit.
             let tried = multiplier * (1.0 + above) + above * part.force_of(live);
@@ -96,17 +99,19 @@ pub fn find_limit(
                 bounded = Some((tried, mechanism, excluded));
             }
         }
-        // Where the programme has no answer, as with a dead load on its limit, loads are asked.
-        for exponent in -10..=10 {
-            if bounded.is_some() {
-                break;
-            }
-            let tried = 10_f64.powi(exponent) * part.force_of(live);
-            let decision = decide(statics, &add(dead, tried, live), limits)?;
-            let works = |d: &[f64]| !bound(statics, part.contacts(), dead, live, d).is_nan();
-            if decision.verdict == Verdict::None && works(&decision.motion) {
-                bounded = Some((tried, decision.motion, decision.excluded));
-            }
+        if !bounded.as_ref().is_some_and(|bound| bound.2.is_infinite()) {
+            // Where contacts hold each other, or the dead load is on its limit, loads are asked.
+            let ask = |tried: f64| -> Result<Option<Bound>, Error> {
+                let decision = decide(statics, &add(dead, tried, live), limits)?;
+                if decision.verdict != Verdict::None {
+                    return Ok(None);
+                }
+                let upper = bound(statics, part.contacts(), dead, live, &decision.motion);
+                let unlimited = decision.excluded.is_infinite() && upper >= 0.0;
+                let proved = if unlimited { upper.min(tried) } else { tried };
+                Ok((!upper.is_nan()).then_some((proved, decision.motion, decision.excluded)))
+            };
+            bounded = narrow(bounded, multiplier, part.force_of(live), ask)?;
         }
         if let Some((upper, mechanism, excluded)) = bounded
             && upper < limit.upper
@@ -130,6 +135,38 @@ pub fn find_limit(
         limit.reached = Some((0.0, limit.dead.reaction.clone()));
     }
     Ok(limit)
+}
+
+/// A bound of the multiplier, the mechanism, and the length of the reactions that it excludes.
+type Bound = (f64, Vec<f64>, f64);
+
+/// The least bound that `ask` proves at some multiplier above `below`: powers of ten of `unit`
+/// find one, if there is none yet; halving the interval the least.
+fn narrow(
+    mut best: Option<Bound>,
+    mut below: f64,
+    unit: f64,
+    ask: impl Fn(f64) -> Result<Option<Bound>, Error>,
+) -> Result<Option<Bound>, Error> {
+    for exponent in -10..=10 {
+        let tried = 10_f64.powi(exponent) * unit;
+        if best.is_none() && tried > below {
+            best = ask(tried)?;
+            if best.is_none() {
+                below = tried;
+            }
+        }
+    }
+    while let Some((upper, ..)) = &best
+        && upper - below > NARROW * upper.max(0.01 * unit)
+    {
+        let middle = below.midpoint(*upper);
+        match ask(middle)? {
+            Some(bound) => best = Some(bound),
+            None => below = middle,
+        }
+    }
+    Ok(best)
 }
 
 /// `e₀ + λ e₁`.

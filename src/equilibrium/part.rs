@@ -191,7 +191,7 @@ impl<'a> Part<'a> {
     /// motion.
     pub(super) fn find_least(&self, limits: Limits) -> Result<(Vec<f64>, Vec<f64>), Error> {
         let mut programme = Programme::new(self.component.len());
-        programme.square(0..self.component.len());
+        programme.square(0..self.component.len(), 1.0);
         self.balance(&mut programme, |_| None);
         self.confine(&mut programme, None, MOST_COHESION);
         let end = programme.solve(NEAR_ROUNDING, limits)?;
@@ -204,7 +204,7 @@ impl<'a> Part<'a> {
         let imbalance = self.component.len();
         let motions = self.motions.len();
         let mut programme = Programme::new(imbalance + motions);
-        programme.square(imbalance..imbalance + motions);
+        programme.square(imbalance..imbalance + motions, 1.0);
         self.balance(&mut programme, |motion| Some((imbalance + motion, -1.0)));
         self.confine(&mut programme, None, MOST_COHESION);
         let end = programme.solve(NEAR_ROUNDING, limits)?;

@@ -85,10 +85,10 @@ impl Programme {
         }
     }
 
-    /// Adds `½ x²` of some columns.
-    pub fn square(&mut self, columns: Range<usize>) {
+    /// Adds `½ weight x²` of some columns.
+    pub fn square(&mut self, columns: Range<usize>, weight: f64) {
         let (row, column, value) = &mut self.quadratic;
-        value.resize(value.len() + columns.len(), 1.0);
+        value.resize(value.len() + columns.len(), weight);
         row.extend(columns.clone());
         column.extend(columns);
     }

@@ -85,11 +85,13 @@ class LimitMultiplier:
     mechanism
         The proof of ``upper``: amounts ``a (k,)`` of the rigid motions, with ``v = R a`` in
         every dual cone, ``e1·a > 0``, and ``upper = (Σ c |v_t| - e0·a)/(e1·a)``. ``None``
-        if ``upper`` is infinite.
+        if ``upper`` is infinite. Where contacts hold each other without loads, a proof may
+        exclude only reactions up to ``excluded`` times the loads; ``upper`` is then up to
+        about 1e-4 of the loads above the largest multiplier.
     reached
         The largest multiplier with an answer of the contact law that was found; ``None``
         without one. Without compliance and free displacement (``W = 0``, ``q = 0``) it is
-        ``upper``, to rounding. Otherwise larger ones may exist.
+        the largest, to rounding. Otherwise larger ones may exist.
     reaction
         Reactions ``(n_c, d)`` of the answer at ``reached``. If ``reached`` is infinite,
         reactions that balance the live load alone; any multiple may be added to an answer

@@ -16,6 +16,7 @@ from support.contacts import rigid_rows
 from support.heaps import is_carried, make_heap
 from support.masonry import LIMITS, wall
 from support.rational import excludes_balance
+from support.whole_numbers import find_end, make_contacts
 
 Array = NDArray[np.float64]
 
@@ -155,6 +156,25 @@ def test_contacts_that_hold_each_other_hide_no_verdict(seed: int) -> None:
         # Without rounding the motion would exclude all reactions.
         assert found.excluded > 1e9
         assert limit.excluded > 1e9
+
+
+def test_limits_of_contacts_that_hold_each_other() -> None:
+    """A proof that excludes few reactions is 1e-4 of the loads above the limit at most."""
+    loose = 0
+    for seed in range(150):
+        R, dead, mu = make_contacts(seed)
+        live = np.random.default_rng(10**6 + seed).integers(-2, 3, R.shape[1])
+        live = live.astype(float)
+        if not np.abs(R).sum(axis=0).all() or not live.any():
+            continue
+        limit = rigid(R, dead, mu, 2).limit_multiplier(dead, live)
+        exact = -find_end(-np.eye(2 * len(mu) + 1)[-1], R, dead, live, mu)
+        size = 1 + exact if np.isfinite(exact) else 1.0
+        np.testing.assert_allclose(limit.upper, exact, atol=2e-4 * size)
+        # The tolerance of HiGHS.
+        np.testing.assert_allclose(limit.reached, exact, atol=1e-7 * size)
+        loose += np.isfinite(exact) and limit.upper > exact + 1e-6 * size
+    assert loose <= 2  # of 144
 
 
 def test_without_rigid_motions_nothing_is_to_be_balanced() -> None:

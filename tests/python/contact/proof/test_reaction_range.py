@@ -11,6 +11,7 @@ from scipy.optimize import linprog
 
 import bipot_rs as bp
 from support.contacts import rigid_rows
+from support.whole_numbers import find_end, make_contacts
 
 Array = NDArray[np.float64]
 # What is promised in space.
@@ -270,6 +271,26 @@ def test_a_body_that_turns_easily() -> None:
     for interval, ends in zip(problem.reaction_ranges(), exact_ends, strict=True):
         # Rounding of W times its condition number.
         np.testing.assert_allclose([interval.least, interval.largest], ends, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(200), pytest.param(range(200, 4000), marks=pytest.mark.slow)]
+)
+def test_contacts_that_hold_each_other(seeds: range) -> None:
+    for seed in seeds:
+        R, e, mu = make_contacts(seed)
+        size, n = 1 + np.abs(e).max(), len(mu)
+        if not np.abs(R).sum(axis=0).all():
+            continue
+        nothing = np.zeros((2 * n, 2 * n))
+        problem = bp.ReducedProblem(nothing, np.zeros((n, 2)), mu, rigid=(R, e))
+        for interval in problem.reaction_ranges():
+            cost = np.eye(2 * n + 1)[2 * interval.contact]
+            held = np.zeros_like(e)
+            least, largest = (s * find_end(s * cost, R, e, held, mu) for s in (1, -1))
+            found = [interval.least, interval.largest]
+            # The tolerance of HiGHS.
+            np.testing.assert_allclose(found, [least, largest], atol=1e-7 * size)
 
 
 WEDGE = wedge(0.3, 0.1)
