@@ -175,6 +175,13 @@ def test_a_curved_surface_has_its_own_column_heads(width: int) -> None:
         assert cells[at + 1] == "0"
 
 
+def test_a_long_path_shows_both_ends() -> None:
+    lines = printed(path(500), 200)
+    assert len(lines) < 60
+    assert any(line.lstrip().startswith("499 ") for line in lines)
+    assert lines[-1] == "all 500 load steps are in steps.csv"
+
+
 def test_many_surfaces_have_a_row_each_below_the_table() -> None:
     rows = path(2, surfaces=3)
     rows[-1] |= {

@@ -284,6 +284,23 @@ def test_paths_side_by_side_and_automatic_steps(motion: str) -> None:
     assert bits(followed, expected)
 
 
+def test_back_to_gaps_without_frames() -> None:
+    """After steps in other frames the path goes on in the frames of B."""
+    moving, base = turning(3), setup(3)[3]
+    problem = make(3, engine="direct")
+    turned = problem.solve(gap=moving[:1])
+    rest = np.zeros((2, len(base), 3))
+    rest[:, :, 0] = -0.01
+    back = problem.solve(gap=rest, start=turned)
+    drag = np.zeros((3, len(base), 3))
+    drag[0] = moving.drag[0]
+    gap = np.array([moving.gap[0], *rest[:, :, 0]])
+    whole = bp.MovingGaps(gap, np.array([moving.frame[0], base, base]), drag)
+    expected = problem.solve(gap=whole)
+    close(back.reaction, expected.reaction[1:])
+    close(back.slip, expected.slip[1:])
+
+
 def test_wear_opens_the_gap_along_the_normal_of_the_step() -> None:
     """One cycle wears ``k p |slip|`` of the path without wear, where that is small."""
     problem = make(3, gaps=turning(3), engine="direct")

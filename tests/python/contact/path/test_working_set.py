@@ -78,14 +78,21 @@ def two_bodies() -> Any:
     return given, {"prescribed": np.pad(moved["prescribed"], ((0, 0), (0, len(fixed))))}
 
 
+def two_coefficients() -> Any:
+    """In space, with friction that depends on the direction."""
+    given, moved = held(3, 15)
+    mu = np.random.default_rng(1).uniform(0.1, 0.5, (len(given["gap"]), 2))
+    return given | {"mu": mu}, moved
+
+
 # Nearly all contacts close under the large ball.
 CASES = {
     "held": lambda: held(2, 320),
-    "in space": lambda: held(3, 15),
     "loose": lambda: loose(2, 320),
     "loose in space": lambda: loose(3, 14),
     "a large ball": lambda: held(2, 320, 50.0, 0.05),
     "two bodies": two_bodies,
+    "in space, two coefficients": two_coefficients,
 }
 
 
@@ -94,7 +101,7 @@ CASES = {
 def test_the_answer_of_all_candidates(name: str) -> None:
     given, loads = CASES[name]()
     grown, whole, threaded = (
-        bp.ContactProblem(**given, mu=0.4, **more)
+        bp.ContactProblem(**{"mu": 0.4} | given, **more)
         for more in (
             {"working_set": True, "num_threads": 1},
             {"working_set": False},
