@@ -15,8 +15,8 @@ from scipy import sparse
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs.fem.constraints.ties import SAME, Relations
 
-# A node that moves by more than this part of a displacement prescribed at it is on a plane
-# within half a degree of the direction of that displacement's normal: a mistake.
+# A node that moves so many times as far as the component prescribed at it is on a plane whose
+# normal is within half a degree of this component: a mistake.
 _FAR = 100.0
 
 
