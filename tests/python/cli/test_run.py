@@ -6,10 +6,8 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import h5py
 import pytest
 
-import bipot_rs as bp
 from bipot_rs.files import export
 from support.children import child
 from support.runs import BIPOT, FILES, LAST_LINE, bipot, lines
@@ -74,33 +72,6 @@ def test_json_lines(cube: Any, tmp_path: Path) -> None:
     other = ("--tol", "1e-4", "--method", "uzawa", "--json")
     *loose, _ = lines(bipot(*CUBE, *other, cwd=tmp_path).stdout)
     assert 1e-12 < max(step["residual"] for step in loose) <= 1e-4
-
-
-def test_result_file_is_a_result(cube: Any) -> None:
-    _, folder = cube
-    with h5py.File(folder / "result.h5") as file:
-        assert file.attrs["format"] == "bipot-result"
-        assert file.attrs["complete"]
-        shapes = {name: data.shape for name, data in file["contacts"].items()}
-        vectors = dict.fromkeys(("area", "gap", "mu", "surface"), (16,))
-        assert shapes == vectors | {
-            "x": (16, 3),
-            "normal": (16, 3),
-            "frame": (16, 3, 3),
-            "surface_names": (1,),
-            "facets": (9, 4),
-        }
-        fields = {"reaction", "relative_displacement", "slip", "status"}
-        assert fields <= set(file["steps/0001"])
-        assert file["steps/0001/load"][()] == 1.0
-    result = bp.load(folder / "result.h5")
-    assert result.success
-    assert result.reaction.shape == (2, 16, 3)
-    assert result.displacement.shape == (2, 192)
-    assert result[1].converged
-    # A cube pressed by 0.05 % and dragged along x is pushed back along -x.
-    total = result.reaction[1].sum(axis=0)
-    assert total[0] > 0 > total[1]
 
 
 @pytest.mark.slow

@@ -202,13 +202,3 @@ def test_leaving_ends_the_workers() -> None:
         del iterator
     assert all(not process.is_alive() for process in processes)
     assert time.monotonic() - started < 30
-
-
-@pytest.mark.slow
-def test_rows_of_another_sweep_are_kept(bipot: Bipot) -> None:
-    more = ("--out", "here", "--jobs", "1")
-    assert bipot(*SWEEP, "--set", "contact.0.mu=0.2,0.3", *more)[0] == 0
-    before = Path("here/sweep.csv").read_bytes()
-    assert bipot(*SWEEP, "--set", "contact.0.mu=0.4", *more, "--resume")[0] == 0
-    assert Path("here/sweep-before.csv").read_bytes() == before
-    assert [row["contact.0.mu"] for row in table(Path("here"))] == ["0.4"]

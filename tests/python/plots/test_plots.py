@@ -444,6 +444,7 @@ def test_deformed_bodies(line: Any, near: float | None) -> None:
 
 
 @pytest.mark.parametrize("obstacle", ["rests", "moves", "is pushed"])
+@pytest.mark.slow_variants("moves")
 def test_rigid_obstacles_are_drawn_as_contacts_see_them(obstacle: str) -> None:
     m = bp.Model("A block pressed onto a cylinder")
     m.material("soft", young=1.0, poisson=0.3)

@@ -154,6 +154,7 @@ def test_mistakes_in_formulas_name_the_key(key: str, value: Any, said: str) -> N
     assert str(mistake).startswith(f"{key}: {said}")
 
 
+@pytest.mark.slow
 def test_parameters_on_the_command_line(bipot: Any) -> None:
     block().to_toml("block.toml")
     asked = read("block.toml", ["parameter.mu=0.1", "contact.0.mu=2*mu"])
