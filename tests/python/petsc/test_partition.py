@@ -59,12 +59,6 @@ def test_graph_is_the_pattern_of_the_stiffness(degree: int) -> None:
         rows = np.repeat(np.arange(first, last), np.diff(indptr))
         edges |= set(zip(rows.tolist(), indices.tolist(), strict=True))
     assert edges == wanted
-
-
-def test_graph_of_no_nodes() -> None:
-    mesh = fem.box([np.linspace(0, 1, 4)] * 2, "triangle")
-    indptr, indices = find_neighbours(
-        [fem.Body("a", mesh, fem.Material(1.0, 0.3))], 16, 16
-    )
-    assert indptr.tolist() == [0]
-    assert not indices.size
+    # A process without nodes.
+    indptr, indices = find_neighbours(bodies, nodes, nodes)
+    assert (indptr.tolist(), indices.size) == ([0], 0)
