@@ -115,6 +115,12 @@ def of_angle(angle: float) -> np.ndarray:
     return np.array([[-s, c], [c, s]])
 
 
+def node(K: Any, moving: bp.MovingGaps, **more: Any) -> bp.ContactProblem:
+    """A node on springs under an obstacle, in its first frame."""
+    first = {"gap": [0.0], "frame": moving.frame[0], "coordinates": np.zeros((2, 2))}
+    return bp.ContactProblem(K, moving.frame[0, 0], **first, gaps=moving, **more)
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("mu", [0.0, 0.1, 5.0])
 def test_a_node_on_springs_under_a_turning_plane(mu: float, engine: str) -> None:
@@ -126,17 +132,7 @@ def test_a_node_on_springs_under_a_turning_plane(mu: float, engine: str) -> None
     k, delta, angles = 1e6, 1e-3, np.deg2rad([0.0, 8.0, 16.0, 24.0, 16.0, 8.0])
     bases = np.array([[of_angle(a)] for a in angles])
     moving = bp.MovingGaps(np.full((6, 1), -delta), bases, np.zeros((6, 1, 2)))
-    problem = bp.ContactProblem(
-        k * np.eye(2),
-        bases[0, 0],
-        gap=[0.0],
-        mu=mu,
-        frame=bases[0],
-        coordinates=np.zeros((2, 2)),
-        gaps=moving,
-        engine=engine,
-    )
-    result = problem.solve(tol=TOL)
+    result = node(k * np.eye(2), moving, mu=mu, engine=engine).solve(tol=TOL)
     u, slipped = np.zeros(2), 0
     for angle, step in zip(angles, result, strict=True):
         n, t = of_angle(angle)
@@ -338,21 +334,11 @@ def test_a_support_oblique_to_a_frame_leaves_the_step_to_the_direct_engine() -> 
     bases = np.array([[of_angle(a)] for a in (0.0, 0.3)])
     moving = bp.MovingGaps([[-1e-3], [-1e-3]], bases, np.zeros((2, 1, 2)))
 
-    def solved(engine: str) -> bp.Result:
-        problem = bp.ContactProblem(
-            np.array([[2e6, 1e5], [1e5, 1e6]]),
-            bases[0, 0],
-            gap=[0.0],
-            mu=0.0,
-            fixed=[0],
-            frame=bases[0],
-            coordinates=np.zeros((2, 2)),
-            gaps=moving,
-            engine=engine,
-        )
-        return problem.solve(tol=TOL)
-
-    by_iteration, expected = solved("iterative"), solved("direct")
+    K = np.array([[2e6, 1e5], [1e5, 1e6]])
+    by_iteration, expected = (
+        node(K, moving, mu=0.0, fixed=[0], engine=engine).solve(tol=TOL)
+        for engine in ("iterative", "direct")
+    )
     close(by_iteration.reaction, expected.reaction)
     # n·u = δ with u along y.
     assert expected.displacement[1, 1] == pytest.approx(1e-3 / np.cos(0.3), rel=1e-12)
