@@ -6,6 +6,7 @@ It takes ``0001-given.npz``, ``0002-given.npz``, … of the folder as they appea
 ``0001-answer.npz``, …, until there is a file ``end``, or the process PARENT has ended.
 """
 
+import contextlib
 import itertools
 import json
 import os
@@ -406,24 +407,18 @@ def command(given: Given) -> Given:
     """`bipot`: its exit status, and what the ranks print, in the order of their numbers."""
     from bipot_rs.cli.entry import call
 
-    streams, before = (sys.stdout, sys.stderr), Path.cwd()
-    names = [f"{name}-{comm.rank}" for name in ("stdout", "stderr")]
-    os.chdir(str(given["cwd"]))
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        warnings.catch_warnings(action="default"),
-    ):
-        files = [Path(folder, name) for name in names]
-        sys.stdout, sys.stderr = (file.open("w") for file in files)
-        opened = sys.stdout, sys.stderr
-        try:
-            status = call([str(word) for word in given["words"]])
-        finally:
-            # `discard_output` replaces the streams.
-            for stream in (sys.stdout, sys.stderr, *opened):
-                stream.close()
-            sys.stdout, sys.stderr = streams
-            os.chdir(before)
+    words = [str(word) for word in given["words"]]
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder, name) for name in ("stdout", "stderr")]
+        with (
+            files[0].open("w") as out,
+            files[1].open("w") as err,
+            warnings.catch_warnings(action="default"),
+            contextlib.chdir(str(given["cwd"])),
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            status = call(words)
         told = comm.allgather((status, *(file.read_text() for file in files)))
     statuses, output, errors = zip(*told, strict=True)
     return {
