@@ -91,7 +91,7 @@ def followed(problem: dict[str, Any], path: dict[str, Any], **more: Any) -> bp.R
     return made.solve(**path, tol=1e-12)
 
 
-@KINDS
+@pytest.mark.parametrize("kind", ["without coordinates", "oblique", "groove"])
 def test_threads_do_not_change_a_bit(kind: str) -> None:
     problem, path = iterated(kind)
     assert bits(*(followed(problem, path, num_threads=k) for k in (1, 2)))

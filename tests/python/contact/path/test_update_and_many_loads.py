@@ -83,7 +83,7 @@ def test_displacements_are_saved_if_there_is_a_factor(tmp_path: Path) -> None:
 
 def test_bodies_that_keep_their_factor() -> None:
     """A slender cantilever, whose cond(S) is about (length / height)^4; no supports."""
-    beam = block([1.0, 0.01], [200, 2], 100.0, 0.3)
+    beam = block([1.0, 0.01], [100, 2], 100.0, 0.3)
     ends = np.concatenate([beam.dofs(0, 0.0, k) for k in range(2)])
     slender = {"K": beam.K, "B": beam.B, "gap": beam.gap + 1e-5, "fixed": ends}
     slender["area"] = beam.area
