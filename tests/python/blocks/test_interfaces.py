@@ -80,14 +80,6 @@ def test_a_face_that_is_not_convex() -> None:
     assert sorted(map(tuple, shared.points[:, :2])) == [(0, 0), (0, 3), (3, 0), (3, 3)]
 
 
-def test_the_order_of_blocks_turns_the_normal() -> None:
-    a, b = box("a", (0, 0), (1, 1)), box("b", (0.5, 1), (2, 2))
-    (first,), (second,) = find_interfaces([a, b]), find_interfaces([b, a])
-    assert np.abs(first.normal - [0, 1]).max() < 1e-15
-    assert (second.normal == -first.normal).all()
-    assert sorted(first.points.tolist()) == sorted(second.points.tolist())
-
-
 def test_an_interface_from_a_file() -> None:
     blocks = [box("a", (0, 0, 0), (1, 1, 1)), box("b", (0, 0, 1), (1, 1, 2))]
     corners = [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0.5, 1, 1], [0, 1, 1]]

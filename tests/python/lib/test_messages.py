@@ -1,8 +1,6 @@
 """Numbers and names in messages, with singular and plural."""
 
 import numpy as np
-import pytest
-from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs._lib.messages import count_noun, duration, printable, size
@@ -30,14 +28,6 @@ def test_words_for_numbers() -> None:
 def test_printable_names_have_one_line() -> None:
     assert printable("plain, é and 接触") == "plain, é and 接触"
     assert printable("a\nb\tc\x1b[2J\udcff") == r"a\nb\tc\x1b[2J\udcff"
-
-
-def test_dense_and_sparse_are_refused_in_the_same_words() -> None:
-    for wrong, told in ((np.nan, "NaN"), (-np.inf, "-inf")):
-        W = np.array([[1.0, wrong], [0.0, 1.0]])
-        for kind in (np.asarray, sparse.csr_array, sparse.coo_array):
-            with pytest.raises(ValueError, match=f"^W is not finite at .*1: {told}$"):
-                bp.ReducedProblem(kind(W), [[-1.0, 0.2]], 0.3)
 
 
 def test_a_solution_is_a_line() -> None:

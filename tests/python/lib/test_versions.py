@@ -13,7 +13,6 @@ import scipy
 
 import bipot_rs as bp
 from bipot_rs import _core
-from bipot_rs._lib import machine
 from support.programs import child
 
 
@@ -31,11 +30,6 @@ def test_versions_are_those_that_run(capsys: pytest.CaptureFixture[str]) -> None
     bp.show_versions()
     lines = capsys.readouterr().out.splitlines()
     assert told == dict(re.split(r" {2,}", line, maxsplit=1) for line in lines)
-
-
-def test_missing_libraries_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "_OPTIONAL", ("no-such-distribution",))
-    assert bp.versions()["no-such-distribution"] == "not installed"
 
 
 def test_threads(monkeypatch: pytest.MonkeyPatch) -> None:

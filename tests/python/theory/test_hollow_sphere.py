@@ -21,36 +21,22 @@ PRESSURE = 0.85 * SPHERE.limit
 
 
 @cache
-def loaded(n: int) -> tuple[Soil, Structure, Array]:
-    """The body on ``n × n`` cells a patch, and the nodal forces of a unit pressure."""
+def errors(n: int) -> Array:
+    """Of the displacement inside and, in L², the radial stress, on n × n cells a patch."""
     body = SPHERE.body(n)
-    x = body.points
+    x, inside = body.points, body.surface("inner")
     planes = [3 * np.flatnonzero(np.abs(x[:, k]) < 1e-9) + k for k in range(3)]
+    force = nodal_forces(body, inside, -PRESSURE * np.asarray(inside.normals))
     soil = DruckerPrager(SPHERE.alpha, SPHERE.beta, SPHERE.apex)
-    inside = body.surface("inner")
-    force = nodal_forces(body, inside, -np.asarray(inside.normals))
     wall = Soil.of_body(body, law=soil)
-    return wall, Structure([], [wall], None, np.concatenate(planes)), force
-
-
-@cache
-def errors(n: int, steps: int = 1) -> Array:
-    """Relative errors of the displacement inside and of the radial stress, in L²."""
-    wall, structure, force = loaded(n)
-    steps_solved = structure.solve(
-        PRESSURE * np.linspace(0, 1, steps + 1)[1:, None] * force
-    )
-    body = wall.body
-    radius = np.linalg.norm(body.points, axis=1)
-    outward = body.points / radius[:, None]
-    u = np.sum(steps_solved[-1].displacement.reshape(-1, 3) * outward, axis=1)
+    (step,) = Structure([], [wall], None, np.concatenate(planes)).solve(force)
+    radius = np.linalg.norm(x, axis=1)
+    u = np.sum(step.displacement.reshape(-1, 3) * x / radius[:, None], axis=1)
     exact = SPHERE.displacement(PRESSURE, np.array([SPHERE.inner]))[0]
     moved = u[radius < SPHERE.inner * (1 + 1e-9)].mean() / exact - 1
     places, weights = wall.quadrature.places, wall.quadrature.weights
     r = np.linalg.norm(places, axis=0)
-    stress = np.einsum(
-        "acq,cqab,bcq->cq", places, tensor(steps_solved[-1].stress[0]), places
-    )
+    stress = np.einsum("acq,cqab,bcq->cq", places, tensor(step.stress[0]), places)
     radial, _ = SPHERE.stress(PRESSURE, r)
     wrong = np.sum(weights * (stress / r**2 - radial) ** 2)
     return np.array([abs(moved), math.sqrt(wrong / np.sum(weights * radial**2))])
