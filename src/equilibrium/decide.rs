@@ -10,6 +10,7 @@ use crate::equilibrium::programme::Limits;
 use crate::equilibrium::repair::Repair;
 use crate::equilibrium::statics::Statics;
 use crate::error::{Error, check_finite, check_length};
+use crate::linalg::small::add_scaled;
 
 /// A margin below this share of the mean load is rounding.
 const SURE: f64 = 1e-9;
@@ -52,8 +53,6 @@ pub struct Decision {
     pub margin: f64,
     /// The same relative to the mean load.
     pub relative_margin: f64,
-    /// Whether the margin is more than rounding.
-    pub inside: bool,
     /// Length of the reactions that the motion excludes, relative to the loads; infinite for a
     /// proof without a bound.
     pub excluded: f64,
@@ -70,36 +69,33 @@ impl Decision {
             motion: Vec::new(),
             margin,
             relative_margin: margin,
-            inside: margin > SURE,
             excluded: 0.0,
             imbalance: 0.0,
         }
+    }
+
+    /// Whether the margin is more than rounding.
+    pub fn inside(&self) -> bool {
+        self.relative_margin > SURE
     }
 }
 
 /// Decides whether `Rᵀ r + e = 0` for some `r` of the cones.
 pub fn decide(statics: &Statics, load: &[f64], limits: Limits) -> Result<Decision, Error> {
-    check_length("e", load.len(), statics.motions)?;
+    check_length("e", load.len(), statics.lengths.len())?;
     check_finite("e", load)?;
-    let lengths = statics.column_lengths();
-    let mut place = vec![0; statics.motions];
     let mut whole = Decision::begin(statics, f64::INFINITY);
-    for group in &statics.groups() {
-        let part = Part::new(statics, group, &lengths, load, &mut place);
-        let decision = decide_part(statics, &part, &lengths, load, limits)?;
-        for (sum, r) in whole.reaction.iter_mut().zip(&decision.reaction) {
-            *sum += r;
-        }
+    for group in &statics.groups {
+        let decision = decide_part(&Part::new(statics, group, load, limits), load)?;
+        add_scaled(&mut whole.reaction, 1.0, &decision.reaction);
         whole.margin = whole.margin.min(decision.margin);
         whole.relative_margin = whole.relative_margin.min(decision.relative_margin);
-        whole.inside = whole.relative_margin > SURE;
         whole.imbalance = whole.imbalance.max(decision.imbalance);
         match decision.verdict {
             Verdict::None => {
                 return Ok(Decision {
                     margin: whole.margin,
                     relative_margin: whole.relative_margin,
-                    inside: whole.inside,
                     reaction: whole.reaction,
                     ..decision
                 });
@@ -111,34 +107,27 @@ pub fn decide(statics: &Statics, load: &[f64], limits: Limits) -> Result<Decisio
     Ok(whole)
 }
 
-fn decide_part(
-    statics: &Statics,
-    part: &Part,
-    lengths: &[f64],
-    load: &[f64],
-    limits: Limits,
-) -> Result<Decision, Error> {
-    let mut decision = Decision::begin(statics, 0.0);
+fn decide_part(part: &Part, load: &[f64]) -> Result<Decision, Error> {
+    let mut decision = Decision::begin(part.statics, 0.0);
     if part.load_size() == 0.0 {
         return Ok(decision);
     }
-    let measure = |reaction: &[f64]| part.imbalance(&statics.imbalance(reaction, load));
-    let (inner, margin, motion) = part.find_margin(limits)?;
+    let measure = |reaction: &[f64]| part.imbalance(&part.statics.imbalance(reaction, load));
+    let (inner, margin, motion) = part.find_margin()?;
     decision.imbalance = measure(&inner);
     decision.reaction = inner;
     if margin.is_finite() {
         decision.margin = margin * part.force;
         decision.relative_margin = margin;
     }
-    decision.inside = margin > SURE;
-    if decision.inside && decision.imbalance <= BALANCED {
+    if decision.inside() && decision.imbalance <= BALANCED {
         return Ok(decision);
     }
-    let mut repair = Repair::new(statics, part, lengths);
+    let mut repair = Repair::new(part);
     let mut motions = vec![motion];
     // Above the limit by less than this, the least reactions would be balanced too.
-    if !(margin < -SURE) || !exclude(&mut decision, &mut repair, &motions[0], load, limits)? {
-        let (least, other) = part.find_least(limits)?;
+    if !(margin < -SURE) || !exclude(&mut decision, &mut repair, &motions[0], load)? {
+        let (least, other) = part.find_least()?;
         let imbalance = measure(&least);
         if imbalance < decision.imbalance || !decision.imbalance.is_finite() {
             (decision.reaction, decision.imbalance) = (least, imbalance);
@@ -155,13 +144,12 @@ fn decide_part(
             decision.verdict = Verdict::Undecided;
         }
         for motion in motions.iter().rev() {
-            if exclude(&mut decision, &mut repair, motion, load, limits)? {
+            if exclude(&mut decision, &mut repair, motion, load)? {
                 break;
             }
         }
         if decision.verdict == Verdict::Undecided {
-            let motion = part.find_shortest(limits)?;
-            let _ = exclude(&mut decision, &mut repair, &motion, load, limits)?;
+            let _ = exclude(&mut decision, &mut repair, &part.find_shortest()?, load)?;
         }
     }
     if decision.reaction.iter().any(|r| !r.is_finite()) {
@@ -177,9 +165,8 @@ fn exclude(
     repair: &mut Repair,
     motion: &[f64],
     load: &[f64],
-    limits: Limits,
 ) -> Result<bool, Error> {
-    let Some((motion, excluded)) = repair.repair(motion, load, limits)? else {
+    let Some((motion, excluded)) = repair.repair(motion, load)? else {
         return Ok(false);
     };
     let excluded = repair.relative(excluded);

@@ -5,11 +5,9 @@
 //! leaves of these relations is added to the gap. With `P`, this bounds the linear function with the
 //! gradient `c + P y` at the point, and so the gap of the convex one.
 
-use std::iter::repeat;
-
 use crate::equilibrium::programme::{Limits, NEAR_ROUNDING, Programme};
 use crate::error::Error;
-use crate::linalg::small::{amax, norm};
+use crate::linalg::small::{amax, norm, plus_scaled};
 use crate::linalg::sparse::rows::OwnedMatrix;
 
 /// Relative residuals and gap at which a search in space ends.
@@ -131,9 +129,7 @@ impl ConeSet {
                 multipliers: dual.0,
             });
         }
-        let bent = product(&self.quadratic, &end.x).into_iter();
-        let gradient = cost.iter().zip(bent.chain(repeat(0.0)));
-        let gradient: Vec<f64> = gradient.map(|(c, bent)| c + bent).collect();
+        let gradient = plus_scaled(cost, 1.0, &product(&self.quadratic, &end.x));
         let (y, bounded, gap) = self.measure(end.x, &dual, &gradient);
         Ok(Optimum {
             y,
@@ -173,10 +169,7 @@ impl ConeSet {
         cost: &[f64],
     ) -> (Vec<f64>, bool, f64) {
         let (equations, multipliers) = dual;
-        let point = |y: &[f64]| -> Vec<f64> {
-            let moved = product(&self.rows, y).into_iter();
-            moved.zip(&self.offset).map(|(s, h)| s + h).collect()
-        };
+        let point = |y: &[f64]| plus_scaled(&product(&self.rows, y), 1.0, &self.offset);
         let value = dot(cost, &y);
         let least_bound = dot(equations, &self.right) - dot(&self.offset, multipliers);
         let balanced = self.leaves(&y) <= 1e-6 * (norm(&self.right) + norm(&y));
@@ -201,11 +194,8 @@ impl ConeSet {
         let [wide, short] = [&point, multipliers].map(|s| (-least(&self.depths(s))).max(0.0));
         let mut missing = cost.to_vec();
         for (matrix, multipliers) in [(&self.rows, multipliers), (&self.equations, equations)] {
-            for (row, z) in multipliers.iter().enumerate() {
-                for (column, value) in matrix.entries(row) {
-                    missing[column] -= value * z;
-                }
-            }
+            let opposite: Vec<f64> = multipliers.iter().map(|z| -z).collect();
+            matrix.add_transposed_product(&opposite, &mut missing);
         }
         let firsts = |x: &[f64]| self.firsts().map(|row| x[row].abs()).sum::<f64>();
         let reach = firsts(&point) + firsts(&self.offset);
@@ -230,8 +220,7 @@ impl ConeSet {
     /// `‖E y − f‖`.
     fn leaves(&self, y: &[f64]) -> f64 {
         let left = product(&self.equations, y);
-        let left: Vec<f64> = left.iter().zip(&self.right).map(|(e, f)| e - f).collect();
-        norm(&left)
+        norm(&plus_scaled(&left, -1.0, &self.right))
     }
 
     fn firsts(&self) -> impl Iterator<Item = usize> + '_ {
@@ -251,14 +240,9 @@ impl ConeSet {
 }
 
 fn product(matrix: &OwnedMatrix, y: &[f64]) -> Vec<f64> {
-    let rows = 0..matrix.pointer.len() - 1;
-    let of_row = |row| {
-        matrix
-            .entries(row)
-            .map(|(column, value)| value * y[column])
-            .sum()
-    };
-    rows.map(of_row).collect()
+    let mut product = vec![0.0; matrix.pointer.len() - 1];
+    matrix.add_product(y, &mut product);
+    product
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -44,10 +44,9 @@ pub fn find_limit(
     live: &[f64],
     limits: Limits,
 ) -> Result<LimitLoad, Error> {
-    check_length("the live load", live.len(), statics.motions)?;
-    let without = decide(statics, dead, limits)?;
+    check_length("the live load", live.len(), statics.lengths.len())?;
     let mut limit = LimitLoad {
-        dead: without,
+        dead: decide(statics, dead, limits)?,
         upper: f64::INFINITY,
         mechanism: Vec::new(),
         excluded: f64::INFINITY,
@@ -56,39 +55,47 @@ pub fn find_limit(
     if limit.dead.verdict == Verdict::None {
         return Ok(limit);
     }
-    let forever = decide(&statics.without_cohesion(), live, limits)?;
+    let none = statics.without_cohesion();
+    let forever = decide(&none, live, limits)?;
     if forever.verdict == Verdict::Balanced {
-        if limit.dead.verdict != Verdict::Balanced {
-            return Ok(limit);
-        }
-        limit.reached = Some((f64::INFINITY, forever.reaction));
+        let balanced = limit.dead.verdict == Verdict::Balanced;
+        limit.reached = balanced.then_some((f64::INFINITY, forever.reaction));
         return Ok(limit);
     }
-    let lengths = statics.column_lengths();
-    let mut place = vec![0; statics.motions];
     let mut largest = f64::INFINITY;
-    for group in &statics.groups() {
-        if group.0.iter().all(|&j| live[j] == 0.0) {
+    for group in &statics.groups {
+        if group.motions.iter().all(|&j| live[j] == 0.0) {
             continue;
         }
-        let part = Part::new(statics, group, &lengths, dead, &mut place);
-        let (multiplier, motion) = part.find_multiplier(live, limits)?;
+        let part = Part::new(statics, group, dead, limits);
+        // The bound of a motion in the dual cones, rounded up; not a number if the live load does
+        // not work on it.
+        let bound = |motion: &[f64]| {
+            let without = part.witness(dead, motion).work;
+            let gained = Witness::new(&none, &group.contacts, live, motion).work;
+            if !(gained > 0.0) {
+                return f64::NAN;
+            }
+            let upper = -without / gained;
+            upper + 4.0 * f64::EPSILON * upper.abs()
+        };
+        let (multiplier, motion) = part.find_multiplier(live)?;
         let multiplier = if multiplier.is_finite() {
             largest = largest.min(multiplier.max(0.0));
             multiplier.max(0.0)
         } else {
             0.0
         };
-        let mut repair = Repair::new(statics, &part, &lengths);
+        let mut repair = Repair::new(&part);
         let mut bounded: Option<Bound> = None;
         for above in ABOVE {
             // The dead load alone may be at its limit.
             let tried = multiplier * (1.0 + above) + above * part.force_of(live);
             let load = add(dead, tried, live);
-            let Some((mechanism, excluded)) = repair.repair(&motion, &load, limits)? else {
+            let Some((mechanism, excluded)) = repair.repair(&motion, &load)? else {
                 continue;
             };
-            let upper = bound(statics, part.contacts(), dead, live, &mechanism);
+            let upper = bound(&mechanism);
             let excluded = excluded / part.size_of(&load);
             if excluded.is_infinite() && upper >= 0.0 {
                 bounded = Some((upper, mechanism, excluded));
@@ -106,7 +113,7 @@ pub fn find_limit(
                 if decision.verdict != Verdict::None {
                     return Ok(None);
                 }
-                let upper = bound(statics, part.contacts(), dead, live, &decision.motion);
+                let upper = bound(&decision.motion);
                 let unlimited = decision.excluded.is_infinite() && upper >= 0.0;
                 let proved = if unlimited { upper.min(tried) } else { tried };
                 Ok((!upper.is_nan()).then_some((proved, decision.motion, decision.excluded)))
@@ -175,17 +182,4 @@ fn add(dead: &[f64], multiplier: f64, live: &[f64]) -> Vec<f64> {
     pairs
         .map(|(dead, live)| multiplier.mul_add(*live, *dead))
         .collect()
-}
-
-/// The bound of a motion in the dual cones, rounded up; not a number if the live load does not
-/// work on it.
-fn bound(statics: &Statics, contacts: &[usize], dead: &[f64], live: &[f64], motion: &[f64]) -> f64 {
-    let without = Witness::new(statics, contacts, dead, motion).work;
-    let none = statics.without_cohesion();
-    let gained = Witness::new(&none, contacts, live, motion).work;
-    if !(gained > 0.0) {
-        return f64::NAN;
-    }
-    let upper = -without / gained;
-    upper + 4.0 * f64::EPSILON * upper.abs()
 }

@@ -2,7 +2,8 @@
 //! loads are of the order of 1, and the cones are circular.
 
 use crate::equilibrium::programme::{End, Limits, NEAR_ROUNDING, Programme};
-use crate::equilibrium::statics::Statics;
+use crate::equilibrium::proof::Witness;
+use crate::equilibrium::statics::{Group, Statics};
 use crate::error::Error;
 use crate::linalg::small::{TURNED, norm};
 
@@ -23,9 +24,9 @@ struct Cone {
 
 /// A group with its loads.
 pub(super) struct Part<'a> {
-    statics: &'a Statics,
-    motions: &'a [usize],
-    contacts: &'a [usize],
+    pub(super) statics: &'a Statics,
+    group: &'a Group,
+    limits: Limits<'a>,
     cones: Vec<Cone>,
     /// Row of `R` of each unknown, and the factor from the unknown to the component.
     component: Vec<(usize, f64)>,
@@ -39,30 +40,22 @@ pub(super) struct Part<'a> {
 }
 
 impl<'a> Part<'a> {
-    /// `lengths` are those of all columns, `place` is scratch for the number of a motion in the
-    /// group; `force` is the unit of force if the loads are zero.
     pub(super) fn new(
         statics: &'a Statics,
-        (motions, contacts): &'a (Vec<usize>, Vec<usize>),
-        lengths: &[f64],
+        group: &'a Group,
         load: &[f64],
-        place: &mut [usize],
+        limits: Limits<'a>,
     ) -> Self {
-        for (number, &motion) in motions.iter().enumerate() {
-            place[motion] = number;
-        }
-        let lengths: Vec<f64> = motions.iter().map(|&j| lengths[j]).collect();
-        let scaled: Vec<f64> = motions
-            .iter()
-            .zip(&lengths)
-            .map(|(&j, l)| load[j] / l)
-            .collect();
+        let (motions, place) = (&group.motions, &statics.place);
+        let lengths: Vec<f64> = motions.iter().map(|&j| statics.lengths[j]).collect();
+        let scaled = motions.iter().zip(&lengths);
+        let scaled: Vec<f64> = scaled.map(|(&j, l)| load[j] / l).collect();
         let force = unit_of(&scaled);
         let mut part = Self {
             statics,
-            motions,
-            contacts,
-            cones: Vec::with_capacity(contacts.len()),
+            group,
+            limits,
+            cones: Vec::with_capacity(group.contacts.len()),
             component: Vec::new(),
             entries: Vec::new(),
             lengths,
@@ -70,10 +63,10 @@ impl<'a> Part<'a> {
             force,
         };
         let mut moved = vec![0.0_f64; motions.len()];
-        for &contact in contacts {
+        for &contact in &group.contacts {
             let mu = statics.largest_friction(contact);
             let cohesion = statics.cohesion[contact];
-            let rows = statics.first[contact]..statics.first[contact + 1];
+            let rows = statics.rows_of(contact);
             for (j, value) in rows.clone().flat_map(|row| statics.row(row)) {
                 moved[place[j]] = moved[place[j]].hypot(value);
             }
@@ -86,8 +79,7 @@ impl<'a> Part<'a> {
                 cohesion: (cohesion > 0.0).then(|| cohesion / length / force),
             });
             for row in rows.clone().take(count) {
-                let normal = row == statics.first[contact];
-                let factor = if normal || mu == 0.0 {
+                let factor = if row == rows.start || mu == 0.0 {
                     1.0
                 } else {
                     statics.friction[row] / mu
@@ -108,8 +100,9 @@ impl<'a> Part<'a> {
         part
     }
 
-    pub(super) fn contacts(&self) -> &'a [usize] {
-        self.contacts
+    /// How a motion acts on the contacts and a load.
+    pub(super) fn witness(&self, load: &[f64], motion: &[f64]) -> Witness {
+        Witness::new(self.statics, &self.group.contacts, load, motion)
     }
 
     /// `‖e‖`, a force.
@@ -134,13 +127,15 @@ impl<'a> Part<'a> {
 
     /// The scaled `e` of another load.
     fn scale_load(&self, load: &[f64]) -> Vec<f64> {
-        let pairs = self.motions.iter().zip(&self.lengths);
+        let pairs = self.group.motions.iter().zip(&self.lengths);
         pairs.map(|(&j, l)| load[j] / l / self.force).collect()
     }
 
-    /// `R̃ᵀ x + ẽ = 0`, with one `more` entry in the row of each motion.
-    fn balance(&self, programme: &mut Programme, more: impl Fn(usize) -> Option<(usize, f64)>) {
-        let mut columns = vec![Vec::new(); self.motions.len()];
+    /// The reactions `x` with some columns after them, and `R̃ᵀ x + ẽ = 0` with one `more` entry in
+    /// the row of each motion.
+    fn balance(&self, after: usize, more: impl Fn(usize) -> Option<(usize, f64)>) -> Programme {
+        let mut programme = Programme::new(self.component.len() + after);
+        let mut columns = vec![Vec::new(); self.lengths.len()];
         for (unknown, entries) in self.entries.iter().enumerate() {
             for &(motion, value) in entries {
                 columns[motion].push((unknown, value));
@@ -149,7 +144,8 @@ impl<'a> Part<'a> {
         for (motion, entries) in columns.into_iter().enumerate() {
             programme.push(self.load[motion], entries.into_iter().chain(more(motion)));
         }
-        programme.equal(self.motions.len());
+        programme.equal(self.lengths.len());
+        programme
     }
 
     /// Reactions in their cones, by the `margin` of a column if there is one, with `most` cohesion.
@@ -175,68 +171,58 @@ impl<'a> Part<'a> {
     }
 
     /// Reactions of the largest margin, at most 1; their multipliers are a motion.
-    pub(super) fn find_margin(&self, limits: Limits) -> Result<(Vec<f64>, f64, Vec<f64>), Error> {
+    pub(super) fn find_margin(&self) -> Result<(Vec<f64>, f64, Vec<f64>), Error> {
         let margin = self.component.len();
-        let mut programme = Programme::new(margin + 1);
+        let mut programme = self.balance(1, |_| None);
         programme.cost[margin] = -1.0;
-        self.balance(&mut programme, |_| None);
         self.confine(&mut programme, Some(margin), MOST_COHESION);
         programme.push(1.0, [(margin, -1.0)]);
         programme.nonnegative(1);
-        let end = programme.solve(NEAR_ROUNDING, limits)?;
+        let end = programme.solve(NEAR_ROUNDING, self.limits)?;
         Ok((self.reaction(&end), end.x[margin], self.motion(&end)))
     }
 
     /// Reactions of the least length; their multipliers, or a proof that there are none, are a
     /// motion.
-    pub(super) fn find_least(&self, limits: Limits) -> Result<(Vec<f64>, Vec<f64>), Error> {
-        let mut programme = Programme::new(self.component.len());
+    pub(super) fn find_least(&self) -> Result<(Vec<f64>, Vec<f64>), Error> {
+        let mut programme = self.balance(0, |_| None);
         programme.square(0..self.component.len(), 1.0);
-        self.balance(&mut programme, |_| None);
         self.confine(&mut programme, None, MOST_COHESION);
-        let end = programme.solve(NEAR_ROUNDING, limits)?;
+        let end = programme.solve(NEAR_ROUNDING, self.limits)?;
         Ok((self.reaction(&end), self.motion(&end)))
     }
 
     /// The shortest `R̃ᵀ x + ẽ` over reactions in the cones. It is a motion in the dual cones on
     /// which the loads work, well determined far from balance.
-    pub(super) fn find_shortest(&self, limits: Limits) -> Result<Vec<f64>, Error> {
-        let imbalance = self.component.len();
-        let motions = self.motions.len();
-        let mut programme = Programme::new(imbalance + motions);
+    pub(super) fn find_shortest(&self) -> Result<Vec<f64>, Error> {
+        let (imbalance, motions) = (self.component.len(), self.lengths.len());
+        let mut programme = self.balance(motions, |motion| Some((imbalance + motion, -1.0)));
         programme.square(imbalance..imbalance + motions, 1.0);
-        self.balance(&mut programme, |motion| Some((imbalance + motion, -1.0)));
         self.confine(&mut programme, None, MOST_COHESION);
-        let end = programme.solve(NEAR_ROUNDING, limits)?;
+        let end = programme.solve(NEAR_ROUNDING, self.limits)?;
         Ok(self.spread(&end.x[imbalance..]))
     }
 
     /// The largest `λ ≥ 0` with reactions that balance `e + λ live`, and a mechanism.
-    pub(super) fn find_multiplier(
-        &self,
-        live: &[f64],
-        limits: Limits,
-    ) -> Result<(f64, Vec<f64>), Error> {
+    pub(super) fn find_multiplier(&self, live: &[f64]) -> Result<(f64, Vec<f64>), Error> {
         let multiplier = self.component.len();
         let live = self.scale_load(live);
         let size = unit_of(&live);
-        let live: Vec<f64> = live.iter().map(|e| e / size).collect();
-        let mut programme = Programme::new(multiplier + 1);
+        let mut programme = self.balance(1, |motion| Some((multiplier, live[motion] / size)));
         programme.cost[multiplier] = -1.0;
-        self.balance(&mut programme, |motion| Some((multiplier, live[motion])));
         self.confine(&mut programme, None, f64::INFINITY);
         programme.push(0.0, [(multiplier, 1.0)]);
         programme.nonnegative(1);
-        let end = programme.solve(NEAR_ROUNDING, limits)?;
+        let end = programme.solve(NEAR_ROUNDING, self.limits)?;
         Ok((end.x[multiplier] / size, self.motion(&end)))
     }
 
     /// A motion with all contacts well inside their dual cones, if there is one; with `each`, as
     /// many of them as can be.
-    pub(super) fn find_opening(&self, each: bool, limits: Limits) -> Result<Vec<f64>, Error> {
+    pub(super) fn find_opening(&self, each: bool) -> Result<Vec<f64>, Error> {
         // A motion may have to be this large to open the last of many contacts by 1.
         let farthest = if each { 1e4 } else { 1.0 };
-        let motions = self.motions.len();
+        let motions = self.lengths.len();
         let margins = if each { self.cones.len() } else { 1 };
         let mut programme = Programme::new(motions + margins);
         programme.cost[motions..].fill(-1.0);
@@ -268,7 +254,7 @@ impl<'a> Part<'a> {
             }
         }
         programme.nonnegative(2 * motions + if each { 2 * margins } else { 0 });
-        let end = programme.solve(NEAR_ROUNDING, limits)?;
+        let end = programme.solve(NEAR_ROUNDING, self.limits)?;
         Ok(self.spread(&end.x[..motions]))
     }
 
@@ -286,35 +272,26 @@ impl<'a> Part<'a> {
             } else {
                 1.0
             };
-            for (k, &(row, factor)) in self.component[cone.first..]
-                .iter()
-                .take(cone.count)
-                .enumerate()
-            {
-                let value = if k == 0 {
-                    pressure
-                } else {
-                    share * unknowns[k]
-                };
-                reaction[row] = value * factor * self.force;
+            let components = self.component[cone.first..].iter().zip(unknowns);
+            for (&(row, factor), unknown) in components {
+                reaction[row] = share * unknown * factor * self.force;
             }
+            let (row, factor) = self.component[cone.first];
+            reaction[row] = pressure * factor * self.force;
         }
         reaction
     }
 
     /// The motion of the multipliers of the balance, `R̃ d` in the dual cones.
     fn motion(&self, end: &End) -> Vec<f64> {
-        let opposite: Vec<f64> = end.multipliers[..self.motions.len()]
-            .iter()
-            .map(|y| -y)
-            .collect();
-        self.spread(&opposite)
+        let opposite = end.multipliers.iter().map(|y| -y);
+        self.spread(&opposite.collect::<Vec<_>>())
     }
 
     /// Amounts of all motions, in the units of the caller.
     fn spread(&self, scaled: &[f64]) -> Vec<f64> {
-        let mut motion = vec![0.0; self.statics.motions];
-        for ((&j, length), amount) in self.motions.iter().zip(&self.lengths).zip(scaled) {
+        let mut motion = vec![0.0; self.statics.lengths.len()];
+        for ((&j, length), amount) in self.group.motions.iter().zip(&self.lengths).zip(scaled) {
             motion[j] = amount / length;
         }
         motion

@@ -36,7 +36,7 @@ impl Witness {
         let mut lack = 0.0_f64;
         for &contact in contacts {
             let cohesion = statics.cohesion[contact];
-            let rows = statics.first[contact]..statics.first[contact + 1];
+            let rows = statics.rows_of(contact);
             let mut lengths = [0.0_f64; 2];
             let normal = move_row(statics, rows.start, motion);
             let opening = normal.value();

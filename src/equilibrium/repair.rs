@@ -6,10 +6,9 @@
 //! some contacts have no such motion; then `d0` opens the others.
 
 use crate::equilibrium::part::Part;
-use crate::equilibrium::programme::Limits;
 use crate::equilibrium::proof::{Witness, normalise};
-use crate::equilibrium::statics::Statics;
 use crate::error::Error;
+use crate::linalg::small::plus_scaled;
 
 /// A contact opens if its slack is above this share of the largest amount of the motion.
 const OPENS: f64 = 1e-9;
@@ -18,25 +17,19 @@ const ROUNDING: f64 = 1e-15;
 /// Amounts below this are rounding, and not zero only by it.
 const NOTHING: f64 = 1e-11;
 /// Trials, each with ten times the share of the one before.
-const TRIALS: usize = 6;
+const TRIALS: i32 = 6;
 
 /// What the repairs of one group have in common.
 pub(super) struct Repair<'a, 'p> {
-    statics: &'a Statics,
     part: &'a Part<'p>,
-    lengths: &'a [f64],
     /// Motions that open contacts, made on first use.
     openings: [Option<Vec<f64>>; 2],
 }
 
 impl<'a, 'p> Repair<'a, 'p> {
-    pub(super) fn new(statics: &'a Statics, part: &'a Part<'p>, lengths: &'a [f64]) -> Self {
-        Self {
-            statics,
-            part,
-            lengths,
-            openings: [None, None],
-        }
+    pub(super) fn new(part: &'a Part<'p>) -> Self {
+        let openings = [None, None];
+        Self { part, openings }
     }
 
     /// The motion, or one near it, that excludes the largest reactions; with the length of these.
@@ -44,13 +37,13 @@ impl<'a, 'p> Repair<'a, 'p> {
         &mut self,
         motion: &[f64],
         load: &[f64],
-        limits: Limits,
     ) -> Result<Option<(Vec<f64>, f64)>, Error> {
-        let Some(motion) = normalise(motion, self.lengths) else {
+        let (part, lengths) = (self.part, &self.part.statics.lengths);
+        let Some(motion) = normalise(motion, lengths) else {
             return Ok(None);
         };
         // A motion that needs no repair may be exact where its rounding is removed.
-        let clean = clear_amounts(&motion, self.lengths, NOTHING);
+        let clean = clear_amounts(&motion, lengths, NOTHING);
         let mut best: Option<(Vec<f64>, f64)> = None;
         let mut offer = |motion: Vec<f64>, witness: &Witness| {
             let excluded = witness.excluded();
@@ -60,40 +53,28 @@ impl<'a, 'p> Repair<'a, 'p> {
             excluded.is_infinite()
         };
         for base in [&motion, &clean] {
-            let witness = Witness::new(self.statics, self.part.contacts(), load, base);
-            if !(witness.work > 0.0) {
-                continue;
-            }
-            if offer(base.clone(), &witness) {
+            let witness = part.witness(load, base);
+            if witness.work > 0.0 && offer(base.clone(), &witness) {
                 return Ok(best);
             }
         }
         for (each, cleared) in [(false, false), (true, false), (true, true)] {
-            let Some(mut opening) = self.open(each, limits)? else {
+            let Some(mut opening) = self.open(each)? else {
                 continue;
             };
             if cleared {
                 // In directions in which contacts hold each other, amounts are rounding.
-                opening = clear_amounts(&opening, self.lengths, OPENS);
+                opening = clear_amounts(&opening, lengths, OPENS);
             }
-            let opened = Witness::new(self.statics, self.part.contacts(), load, &opening).slack;
+            let opened = part.witness(load, &opening).slack;
             for base in [&motion, &clean] {
-                let witness = Witness::new(self.statics, self.part.contacts(), load, base);
-                let shares = witness.slack.iter().zip(&opened);
-                let share = shares.filter(|(_, opened)| **opened > OPENS).fold(
-                    ROUNDING / OPENS.sqrt(),
-                    |share: f64, (slack, opened)| {
-                        share.max((ROUNDING - 1.01 * slack.min(0.0)) / opened)
-                    },
-                );
+                let slack = part.witness(load, base).slack;
+                let opens = slack.iter().zip(&opened).filter(|pair| *pair.1 > OPENS);
+                let shares = opens.map(|(slack, open)| (ROUNDING - 1.01 * slack.min(0.0)) / open);
+                let least = shares.fold(ROUNDING / OPENS.sqrt(), f64::max);
                 for trial in 0..TRIALS {
-                    let share = share * 10_f64.powi(i32::try_from(trial).unwrap_or(0));
-                    let moved: Vec<f64> = base
-                        .iter()
-                        .zip(&opening)
-                        .map(|(d, o)| d + share * o)
-                        .collect();
-                    let witness = Witness::new(self.statics, self.part.contacts(), load, &moved);
+                    let moved = plus_scaled(base, least * 10_f64.powi(trial), &opening);
+                    let witness = part.witness(load, &moved);
                     if !(witness.work > 0.0) {
                         break;
                     }
@@ -102,7 +83,7 @@ impl<'a, 'p> Repair<'a, 'p> {
                     }
                 }
             }
-            if opened_all(&opened) {
+            if opened.iter().all(|&slack| slack > OPENS) {
                 break;
             }
         }
@@ -115,11 +96,11 @@ impl<'a, 'p> Repair<'a, 'p> {
     }
 
     /// The motion `d0`, its largest amount 1.
-    fn open(&mut self, each: bool, limits: Limits) -> Result<Option<Vec<f64>>, Error> {
+    fn open(&mut self, each: bool) -> Result<Option<Vec<f64>>, Error> {
         let slot = &mut self.openings[usize::from(each)];
         if slot.is_none() {
-            let motion = self.part.find_opening(each, limits)?;
-            *slot = Some(normalise(&motion, self.lengths).unwrap_or_default());
+            let motion = self.part.find_opening(each)?;
+            *slot = Some(normalise(&motion, &self.part.statics.lengths).unwrap_or_default());
         }
         Ok(slot.clone().filter(|motion| !motion.is_empty()))
     }
@@ -131,8 +112,4 @@ fn clear_amounts(motion: &[f64], lengths: &[f64], least: f64) -> Vec<f64> {
     amounts
         .map(|(&d, l)| if (d * l).abs() < least { 0.0 } else { d })
         .collect()
-}
-
-fn opened_all(slack: &[f64]) -> bool {
-    slack.iter().all(|&slack| slack > OPENS)
 }

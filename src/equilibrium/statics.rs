@@ -1,5 +1,7 @@
 //! The contacts of a question of statics: the motions that they resist, and their cones.
 
+use std::ops::Range;
+
 use crate::error::{Error, check_length};
 use crate::linalg::compensated::Sum;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
@@ -10,14 +12,26 @@ use crate::linalg::union::Union;
 #[derive(Clone, Debug)]
 pub struct Statics {
     /// `R`; the rows of a contact are consecutive, normal first.
-    pub(super) rows: OwnedMatrix,
-    pub(super) motions: usize,
+    rows: OwnedMatrix,
+    /// Length of each column of `R`, 1 for a motion that moves no contact: the unit of a motion.
+    pub(super) lengths: Vec<f64>,
     /// First row of each contact, and the number of rows.
-    pub(super) first: Vec<usize>,
+    first: Vec<usize>,
     /// Friction coefficient of each tangent; the number at a normal is not used.
     pub(super) friction: Vec<f64>,
     /// Cohesion of each contact, a force.
     pub(super) cohesion: Vec<f64>,
+    pub(super) groups: Vec<Group>,
+    /// Number of each motion in its group.
+    pub(super) place: Vec<usize>,
+}
+
+/// Motions that share no contact with others, and their contacts. Groups balance apart, so that
+/// the loads of a heavy body do not hide those of a light one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Group {
+    pub(super) motions: Vec<usize>,
+    pub(super) contacts: Vec<usize>,
 }
 
 impl Statics {
@@ -43,22 +57,32 @@ impl Statics {
         if friction.len() == count {
             rows.check("R", count, motions)?;
         }
-        for (what, numbers) in [("mu", &friction), ("cohesion", &cohesion)] {
-            check_finite(what, numbers)?;
-        }
+        check_not_negative("mu", &friction)?;
+        check_not_negative("cohesion", &cohesion)?;
         check_length("mu", friction.len(), count)?;
         check_length("cohesion", cohesion.len(), sizes.len())?;
-        Ok(Self {
+        let mut statics = Self {
             rows: rows.select(Some),
-            motions,
+            lengths: vec![0.0; motions],
             first,
             friction,
             cohesion,
-        })
+            groups: Vec::new(),
+            place: Vec::with_capacity(motions),
+        };
+        for row in 0..count {
+            for (j, value) in statics.rows.entries(row) {
+                statics.lengths[j] = statics.lengths[j].hypot(value);
+            }
+        }
+        let unmoved = statics.lengths.iter_mut().filter(|length| **length == 0.0);
+        unmoved.for_each(|length| *length = 1.0);
+        statics.make_groups();
+        Ok(statics)
     }
 
-    pub(super) fn contacts(&self) -> usize {
-        self.cohesion.len()
+    pub(super) fn rows_of(&self, contact: usize) -> Range<usize> {
+        self.first[contact]..self.first[contact + 1]
     }
 
     /// The same contacts without cohesion.
@@ -76,8 +100,8 @@ impl Statics {
 
     /// The largest coefficient of a contact.
     pub(super) fn largest_friction(&self, contact: usize) -> f64 {
-        let tangents = self.first[contact] + 1..self.first[contact + 1];
-        self.friction[tangents].iter().fold(0.0, |m, &mu| m.max(mu))
+        let tangents = &self.friction[self.rows_of(contact)][1..];
+        tangents.iter().fold(0.0, |m, &mu| m.max(mu))
     }
 
     /// Entries of a row that are not zero.
@@ -96,54 +120,36 @@ impl Statics {
         sums.iter().map(Sum::value).collect()
     }
 
-    /// Length of each column of `R`, 1 for a motion that moves no contact: the unit of a motion.
-    pub(super) fn column_lengths(&self) -> Vec<f64> {
-        let mut lengths = vec![0.0_f64; self.motions];
-        for row in 0..self.friction.len() {
-            for (j, value) in self.row(row) {
-                lengths[j] = lengths[j].hypot(value);
-            }
-        }
-        let unit = |length: f64| if length > 0.0 { length } else { 1.0 };
-        lengths.into_iter().map(unit).collect()
-    }
-
-    /// Groups of motions that share no contact, each with its contacts. They balance apart, so
-    /// that the loads of a heavy body do not hide those of a light one.
-    pub(super) fn groups(&self) -> Vec<(Vec<usize>, Vec<usize>)> {
-        let mut sets = Union::new(self.motions);
-        let mut leader = vec![None; self.contacts()];
+    fn make_groups(&mut self) {
+        let mut sets = Union::new(self.lengths.len());
+        let mut leader = vec![None; self.cohesion.len()];
         for (contact, leader) in leader.iter_mut().enumerate() {
-            for row in self.first[contact]..self.first[contact + 1] {
-                for (j, _) in self.row(row) {
-                    sets.join(*leader.get_or_insert(j), j);
-                }
+            for (j, _) in self.rows_of(contact).flat_map(|row| self.row(row)) {
+                sets.join(*leader.get_or_insert(j), j);
             }
         }
         let number = sets.numbers();
         let count = number.iter().max().map_or(0, |last| last + 1);
-        let mut groups = vec![(Vec::new(), Vec::new()); count];
+        self.groups = vec![Group::default(); count];
         for (motion, &group) in number.iter().enumerate() {
-            groups[group].0.push(motion);
+            self.place.push(self.groups[group].motions.len());
+            self.groups[group].motions.push(motion);
         }
         for (contact, leader) in leader.into_iter().enumerate() {
             if let Some(motion) = leader {
-                groups[number[motion]].1.push(contact);
+                self.groups[number[motion]].contacts.push(contact);
             }
         }
-        groups
     }
 }
 
-fn check_finite(what: &'static str, numbers: &[f64]) -> Result<(), Error> {
-    match numbers
-        .iter()
-        .position(|c| !(0.0..f64::INFINITY).contains(c))
-    {
-        Some(place) => Err(Error::NotFinite {
+fn check_not_negative(what: &'static str, numbers: &[f64]) -> Result<(), Error> {
+    let wrong = |c: &f64| !(0.0..f64::INFINITY).contains(c);
+    match numbers.iter().position(wrong) {
+        Some(index) => Err(Error::NotFinite {
             what,
-            index: place,
-            value: numbers[place],
+            index,
+            value: numbers[index],
         }),
         None => Ok(()),
     }

@@ -14,7 +14,7 @@
 use crate::law::cone::Status;
 use crate::law::contact_law::ContactLaw;
 use crate::law::plastic_point::{Rate, respond};
-use crate::linalg::small::{Block, Vector, tangential_norm};
+use crate::linalg::small::{Block, Vector, minus_scaled, tangential_norm};
 
 /// `F ≈ value + by_r dr + by_v dv` at one contact.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +26,16 @@ pub struct Linearised<const D: usize> {
 }
 
 impl<const D: usize> Linearised<D> {
+    /// Rows without entries, of a contact that slips.
+    pub fn empty() -> Self {
+        Self {
+            status: Status::Slip,
+            value: Vector::zeros(),
+            by_r: Block::zeros(),
+            by_v: Block::zeros(),
+        }
+    }
+
     /// How many components of `v`, from the normal one, the rows make zero.
     pub fn held(&self) -> usize {
         match self.status {
@@ -44,7 +54,7 @@ pub fn linearised<const D: usize>(
 ) -> Linearised<D> {
     let law: ContactLaw = law.into();
     let mu = law.mu;
-    let x: [f64; D] = std::array::from_fn(|k| r[k] - v[k]);
+    let x = minus_scaled(r, 1.0, v);
     if !law.is_coulomb() {
         return respond_at(r, v, &x, &law);
     }
@@ -53,13 +63,13 @@ pub fn linearised<const D: usize>(
     }
     let c = mu * x[0];
     let length = tangential_norm(&x);
+    let mut rows = Linearised {
+        value: Vector::from(*v),
+        ..Linearised::empty()
+    };
     if mu > 0.0 && length <= c {
-        return Linearised {
-            status: Status::Stick,
-            value: Vector::from(*v),
-            by_r: Block::zeros(),
-            by_v: Block::identity(),
-        };
+        (rows.status, rows.by_v) = (Status::Stick, Block::identity());
+        return rows;
     }
     // Slip; without friction the tangential reaction is zero.
     let mut t = Vector::<D>::zeros();
@@ -70,23 +80,17 @@ pub fn linearised<const D: usize>(
         // (c/‖x_t‖)(I − t tᵀ): the derivative of c t.
         g = (Block::identity() - t * t.transpose()) * (c / length);
     }
-    let mut slip = Linearised {
-        status: Status::Slip,
-        value: Vector::from(*v),
-        by_r: Block::zeros(),
-        by_v: Block::zeros(),
-    };
-    slip.by_v[(0, 0)] = 1.0;
+    rows.by_v[(0, 0)] = 1.0;
     for i in 1..D {
-        slip.value[i] = r[i] - c * t[i];
+        rows.value[i] = r[i] - c * t[i];
         for j in 1..D {
-            slip.by_r[(i, j)] = f64::from(u8::from(i == j)) - g[(i, j)];
-            slip.by_v[(i, j)] = g[(i, j)];
+            rows.by_r[(i, j)] = f64::from(u8::from(i == j)) - g[(i, j)];
+            rows.by_v[(i, j)] = g[(i, j)];
         }
-        slip.by_r[(i, 0)] = -mu * t[i];
-        slip.by_v[(i, 0)] = mu * t[i];
+        rows.by_r[(i, 0)] = -mu * t[i];
+        rows.by_v[(i, 0)] = mu * t[i];
     }
-    slip
+    rows
 }
 
 /// The rows of an open contact, also where `x` is not: `r_n = 0`, and friction up to the cohesion.
@@ -96,10 +100,10 @@ pub fn open_rows<const D: usize>(r: &[f64; D], v: &[f64; D], law: &ContactLaw) -
             status: Status::Open,
             value: Vector::from(*r),
             by_r: Block::identity(),
-            by_v: Block::zeros(),
+            ..Linearised::empty()
         };
     }
-    let mut x: [f64; D] = std::array::from_fn(|k| r[k] - v[k]);
+    let mut x = minus_scaled(r, 1.0, v);
     x[0] = -1.0;
     let without_dilation = ContactLaw {
         dilatancy: 0.0,

@@ -89,11 +89,14 @@ impl<const D: usize> Face<D> {
     /// `m = (μ, −t)` on a ray, zero inside. So `e` changes by no more than `V`.
     pub fn misfit(&self, v: &[f64; D], dv: &[f64; D], p: f64, mu: f64) -> ([f64; D], [f64; D]) {
         // Without friction K* is v_n ≥ 0, and y has the tangents of V.
-        let (v, dv) = if self.smooth {
-            (&normal_part(v), &normal_part(dv))
-        } else {
-            (v, dv)
+        let felt = |v: &[f64; D]| {
+            let mut v = *v;
+            if self.smooth {
+                v[1..].fill(0.0);
+            }
+            v
         };
+        let (v, dv) = (&felt(v), &felt(dv));
         let slip = tangential_norm(v);
         let size = p * v[0].abs() + (1.0 + mu) * slip;
         let spread = (p * dv[0] + (1.0 + mu) * tangential_norm(dv)) * (1.0 + ROUNDING);
@@ -173,10 +176,4 @@ impl<const D: usize> Face<D> {
         error[0] = p * dv[0] * (1.0 + ROUNDING) + ROUNDING * e[0].abs();
         (e, error)
     }
-}
-
-fn normal_part<const D: usize>(v: &[f64; D]) -> [f64; D] {
-    let mut normal = [0.0; D];
-    normal[0] = v[0];
-    normal
 }

@@ -29,23 +29,20 @@ pub enum Frozen<const D: usize> {
 
 impl<const D: usize> Frozen<D> {
     /// In scaled variables, `r̂ = to_r r`, `v̂ = to_v v`.
-    pub fn scaled(&self, to_v: f64, to_r: f64) -> Self {
-        match *self {
-            Self::Tresca { limit } => Self::Tresca {
-                limit: limit * to_r,
-            },
-            Self::Contact { tangential } => Self::Contact {
-                tangential: tangential.map(|c| c * to_r),
-            },
-            Self::Friction { normal, limit } => Self::Friction {
-                normal: normal * to_r,
-                limit: limit * to_r,
-            },
-            Self::Cone { law, slip } => Self::Cone {
-                law: law.scaled(to_r),
-                slip: slip * to_v,
-            },
+    pub fn scaled(mut self, to_v: f64, to_r: f64) -> Self {
+        match &mut self {
+            Self::Tresca { limit } => *limit *= to_r,
+            Self::Contact { tangential } => *tangential = tangential.map(|c| c * to_r),
+            Self::Friction { normal, limit } => {
+                *normal *= to_r;
+                *limit *= to_r;
+            }
+            Self::Cone { law, slip } => {
+                *law = law.scaled(to_r);
+                *slip *= to_v;
+            }
         }
+        self
     }
 
     /// `proj(r − ρ (v + s n), C)`.
@@ -77,12 +74,7 @@ impl<const D: usize> Frozen<D> {
     /// derivative at `(r, v)`. The status is `Open` if the only condition is `r = 0`.
     pub fn linearised(&self, r: &[f64; D], v: &[f64; D]) -> Linearised<D> {
         let x = minus_scaled(r, 1.0, v);
-        let mut rows = Linearised {
-            status: Status::Slip,
-            value: Vector::zeros(),
-            by_r: Block::zeros(),
-            by_v: Block::zeros(),
-        };
+        let mut rows = Linearised::empty();
         match *self {
             Self::Tresca { limit } => {
                 normal_row(&mut rows, &x, r, v);

@@ -70,24 +70,21 @@ fn solve_coulomb<const D: usize>(
             q[0].abs() + q[1].abs() + q[2].abs(),
         );
         if !(MIDDLE.contains(&size) && MIDDLE.contains(&free)) && free > 0.0 {
-            return shifted(w, q, mu, habit, exponent(size), exponent(free));
+            let shift = (exponent(size), exponent(free));
+            return shifted(w, q, shift, |w, q| solve_coulomb(w, q, mu, habit));
         }
     }
+    let opens = || (q[0] >= 0.0).then_some(open);
     let found = if D == 2 {
         let plane = Plane::new(w, q);
-        plane
-            .stick(mu)
-            .map(|r| (r, Status::Stick))
-            .or_else(|| (q[0] >= 0.0).then_some(open))
-            .or_else(|| plane.slip(mu))
+        let sticks = plane.stick(mu).map(|r| (r, Status::Stick));
+        sticks.or_else(opens).or_else(|| plane.slip(mu))
     } else {
         let space = Sliding::new(w, q);
-        let whole = |r: [f64; 3]| std::array::from_fn(|k| r[k]);
-        space
-            .stick(mu)
-            .map(|r| (whole(r), Status::Stick))
-            .or_else(|| (q[0] >= 0.0).then_some(open))
-            .or_else(|| space.slip(mu).map(|r| (whole(r), Status::Slip)))
+        let whole = |r: [f64; 3], status| (std::array::from_fn(|k| r[k]), status);
+        let slips = || space.slip(mu).map(|r| whole(r, Status::Slip));
+        let sticks = space.stick(mu).map(|r| whole(r, Status::Stick));
+        sticks.or_else(opens).or_else(slips)
     };
     found.filter(|(r, _)| r.iter().all(|c| c.is_finite()))
 }
@@ -96,21 +93,19 @@ fn solve_coulomb<const D: usize>(
 /// if their smallest numbers are many orders smaller.
 const MIDDLE: RangeInclusive<f64> = 1e-20..=1e20;
 
-/// [`solve_coulomb`] in other units, `2^w_exponent` and `2^q_exponent`, in which the largest numbers
-/// are of order one; powers of two are exact.
-#[cold]
-fn shifted<const D: usize>(
+/// A solution in other units, `2^of_w` and `2^of_q`, in which the largest numbers are of order one;
+/// powers of two are exact.
+#[inline(never)]
+pub(super) fn shifted<const D: usize>(
     w: &Block<D>,
     q: &[f64; D],
-    mu: f64,
-    habit: Habit,
-    w_exponent: i32,
-    q_exponent: i32,
+    (of_w, of_q): (i32, i32),
+    solve: impl FnOnce(&Block<D>, &[f64; D]) -> Option<([f64; D], Status)>,
 ) -> Option<([f64; D], Status)> {
-    let w = w.map(|c| times_two_to(c, -w_exponent));
-    let q = q.map(|c| times_two_to(c, -q_exponent));
-    let (r, status) = solve_coulomb(&w, &q, mu, habit)?;
-    let r = r.map(|c| times_two_to(c, q_exponent - w_exponent));
+    let w = w.map(|c| times_two_to(c, -of_w));
+    let q = q.map(|c| times_two_to(c, -of_q));
+    let (r, status) = solve(&w, &q)?;
+    let r = r.map(|c| times_two_to(c, of_q - of_w));
     r.iter().all(|c| c.is_finite()).then_some((r, status))
 }
 

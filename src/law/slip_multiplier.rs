@@ -15,7 +15,7 @@
 
 use crate::law::cone::Status;
 use crate::law::contact_law::ContactLaw;
-use crate::law::one_node::Habit;
+use crate::law::one_node::{Habit, shifted};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{Block, Vector, amax, tangential_norm};
 
@@ -64,14 +64,9 @@ pub(super) fn solve<const D: usize>(
     if stiff == 0.0 || !(stiff.is_finite() && free.is_finite()) {
         return None;
     }
-    // Powers of two: exact.
     let (of_w, of_q) = (exponent(stiff), exponent(free));
-    let w = w.map(|c| times_two_to(c, -of_w));
-    let q = q.map(|c| times_two_to(c, -of_q));
     let law = law.scaled(times_two_to(1.0, of_w - of_q));
-    let (r, status) = solve_scaled(&w, &q, &law, habit)?;
-    let r = r.map(|c| times_two_to(c, of_q - of_w));
-    r.iter().all(|c| c.is_finite()).then_some((r, status))
+    shifted(w, q, (of_w, of_q), |w, q| solve_scaled(w, q, &law, habit))
 }
 
 fn solve_scaled<const D: usize>(

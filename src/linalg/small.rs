@@ -35,6 +35,33 @@ pub fn minus_scaled<const D: usize>(a: &[f64; D], s: f64, b: &[f64; D]) -> [f64;
     std::array::from_fn(|k| a[k] - s * b[k])
 }
 
+/// `y ← y + s x`.
+pub fn add_scaled(y: &mut [f64], s: f64, x: &[f64]) {
+    for (y, x) in y.iter_mut().zip(x) {
+        *y += s * x;
+    }
+}
+
+/// `x + s y`.
+pub fn plus_scaled(x: &[f64], s: f64, y: &[f64]) -> Vec<f64> {
+    let mut sum = x.to_vec();
+    add_scaled(&mut sum, s, y);
+    sum
+}
+
+/// `x + s y`, contact by contact.
+pub fn rows_plus_scaled<const D: usize>(x: &[[f64; D]], s: f64, y: &[[f64; D]]) -> Vec<[f64; D]> {
+    let mut sum = x.to_vec();
+    add_scaled(sum.as_flattened_mut(), s, y.as_flattened());
+    sum
+}
+
+/// Each contact times its factor.
+pub fn scale_rows<const D: usize>(rows: &[[f64; D]], factors: &[f64]) -> Vec<[f64; D]> {
+    let rows = rows.iter().zip(factors);
+    rows.map(|(row, s)| row.map(|c| c * s)).collect()
+}
+
 /// Squares whose sum lies between these have lost nothing.
 const LEAST: f64 = 1e-280;
 const MOST: f64 = 1e280;

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::reduced::existence;
 use crate::reduced::reduced::Reduced;
-use crate::reduced::residual::scaled_imbalance;
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::newton::refine::{RefinedPoint, forward_change};
 use crate::solver::{self, Outcome, Settings, Solution, Start};
 
@@ -125,8 +125,8 @@ pub fn stiffness_rounding<const D: usize>(
     let u = problem.displacement(Loaded {
         load,
         prescribed,
-        reaction: &compliance.scatter(&point.r),
-        rigid: &point.rigid,
+        reaction: &compliance.scatter(&point.at.r),
+        rigid: &point.at.rigid,
     })?;
     let samples = problem.bodies().stiffness_rounding(problem.surface(), &u)?;
     let wanders: Vec<_> = samples
@@ -154,13 +154,8 @@ pub fn evaluate<const D: usize>(
         reaction: &compliance.scatter(&r),
         rigid: &rigid,
     })?;
-    let v = incremental(&total, state);
-    Ok(RefinedPoint {
-        v: compliance.gather(&v),
-        imbalance: scaled_imbalance(reduced, &r),
-        r,
-        rigid,
-    })
+    let v = compliance.gather(&incremental(&total, state));
+    Ok(RefinedPoint::new(reduced, EvaluatedPoint { r, v, rigid }))
 }
 
 impl<const D: usize> LoadPath<D> {

@@ -162,11 +162,11 @@ impl PyDecision {
     fn new(py: Python<'_>, decision: Decision) -> Self {
         Self {
             verdict: decision.verdict.name(),
+            inside: decision.inside(),
             reaction: from_vec(py, decision.reaction).unbind(),
             motion: from_vec(py, decision.motion).unbind(),
             margin: decision.margin,
             relative_margin: decision.relative_margin,
-            inside: decision.inside,
             excluded: decision.excluded,
             imbalance: decision.imbalance,
         }

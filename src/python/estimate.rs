@@ -9,7 +9,7 @@ use crate::path::stepping::{State, evaluate, reduced_step, stiffness_rounding};
 use crate::path::working_set;
 use crate::python::condensed_arrays::{CondensedArrays, Loads};
 use crate::reduced::reduced::Reduced;
-use crate::reduced::residual::scaled_imbalance;
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::newton::refine::{RefinedPoint, forward_error};
 
 /// Relative forward errors of the reaction and of the relative displacement.
@@ -23,12 +23,9 @@ pub(super) fn of_reduced<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Estimate, Error> {
     let r = problem.compliance.gather(reaction);
-    let point = RefinedPoint {
-        v: problem.exact_displacement(&r, rigid),
-        imbalance: scaled_imbalance(problem, &r),
-        r,
-        rigid: rigid.to_vec(),
-    };
+    let v = problem.exact_displacement(&r, rigid);
+    let rigid = rigid.to_vec();
+    let point = RefinedPoint::new(problem, EvaluatedPoint { r, v, rigid });
     forward_error(problem, &point, &[], stop)
 }
 

@@ -16,7 +16,10 @@ use std::sync::atomic::AtomicBool;
 use crate::law::bipotential;
 use crate::law::cone::derivative;
 use crate::linalg::least_squares;
-use crate::linalg::small::{Block, Vector, amax, dot, norm, tangential_norm};
+use crate::linalg::small::{
+    Block, Vector, add_scaled, amax, dot, norm, plus_scaled, rows_plus_scaled, scale_rows,
+    tangential_norm,
+};
 use crate::reduced::gram::factor_gram;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{law_norm, residual};
@@ -164,15 +167,11 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
 impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
     fn new(problem: &'a Reduced<'b, D>, r: &'a [[f64; D]]) -> Self {
         let still = problem.relative_displacement(r, &[]);
-        let scaled = |rows: &[[f64; D]], by: &[f64]| -> Vec<[f64; D]> {
-            let rows = rows.iter().zip(by);
-            rows.map(|(row, s)| row.map(|c| c * s)).collect()
-        };
         Self {
             problem,
             r,
-            force: scaled(r, &problem.scaling.to_r),
-            free: scaled(&still, &problem.scaling.to_v),
+            force: scale_rows(r, &problem.scaling.to_r),
+            free: scale_rows(&still, &problem.scaling.to_v),
             still,
         }
     }
@@ -191,13 +190,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
 
     fn law(&self, motion: &[f64]) -> f64 {
         let a = self.problem.scaling.rigid_from_scaled(motion);
-        law_norm(
-            self.problem,
-            self.r,
-            &self.relative_displacement(&a),
-            f64::INFINITY,
-            |_, _| (),
-        )
+        law_norm(self.problem, self.r, &self.relative_displacement(&a))
     }
 
     /// `R̂ â`.
@@ -209,15 +202,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
 
     /// `v̂`.
     fn at(&self, motion: &[f64]) -> Vec<[f64; D]> {
-        let mut v = self.rigid(motion);
-        for (value, free) in v
-            .as_flattened_mut()
-            .iter_mut()
-            .zip(self.free.as_flattened())
-        {
-            *value += free;
-        }
-        v
+        rows_plus_scaled(&self.rigid(motion), 1.0, &self.free)
     }
 
     /// The step of least squares with `rest + J R̂ step = 0`, with `J` of each contact.
@@ -245,7 +230,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
             let mut back = moved.work(&left, &vec![1.0; left.len()]);
             gram.condense(&mut back, 1);
             gram.recover(&mut back, 1);
-            step.iter_mut().zip(back).for_each(|(s, back)| *s -= back);
+            add_scaled(&mut step, -1.0, &back);
         }
         step
     }
@@ -265,12 +250,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
             let step = self.step(rest.as_flattened(), &counted);
             let along = self.rigid(&step);
             let slope = |share: f64| -> f64 {
-                let moved: Vec<[f64; D]> = v
-                    .iter()
-                    .zip(&along)
-                    .map(|(v, d)| std::array::from_fn(|k| v[k] + share * d[k]))
-                    .collect();
-                let (rest, counted) = outside(&moved);
+                let (rest, counted) = outside(&rows_plus_scaled(&v, share, &along));
                 let contacts = rest.iter().zip(&counted).zip(&along);
                 contacts
                     .map(|((x, counted), d)| Vector::from(*x).dot(&(counted * Vector::from(*d))))
@@ -291,9 +271,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
                     }
                 }
             }
-            for (a, s) in motion.iter_mut().zip(&step) {
-                *a += share * s;
-            }
+            add_scaled(&mut motion, share, &step);
         }
         motion
     }
@@ -306,10 +284,7 @@ impl<'a, 'b, const D: usize> Search<'a, 'b, D> {
             let step = self.step(&rest, &jacobian);
             let shorter = (0..10).map(|halvings| 0.5_f64.powi(halvings));
             let better = shorter
-                .map(|share| -> Vec<f64> {
-                    let pairs = motion.iter().zip(&step);
-                    pairs.map(|(a, s)| a + share * s).collect()
-                })
+                .map(|share| plus_scaled(&motion, share, &step))
                 .map(|trial| (self.law(&trial), trial))
                 .find(|(value, _)| *value < law);
             let Some(trial) = better else { break };

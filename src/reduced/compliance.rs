@@ -80,22 +80,23 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// `T W T`.
     pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Compliance<'static, D>, Error> {
-        self.of_parts(|part, caller| part.scaled(elliptic, caller))
+        self.map(|w, moved, pushed| elliptic.block(w, moved, pushed))
     }
 
     /// `Q W Qᵀ`.
     pub fn rotated(&self, rotation: &Rotation<D>) -> Result<Compliance<'static, D>, Error> {
-        self.of_parts(|part, caller| part.rotated(rotation, caller))
+        self.map(|w, moved, pushed| rotation.block(w, moved, pushed))
     }
 
-    /// Each part replaced, with the numbers of its contacts.
-    fn of_parts(
+    /// Each block replaced, with the numbers of its contacts.
+    fn map(
         &self,
-        of: impl Fn(&Part<'a, D>, &[usize]) -> Part<'static, D>,
+        of: impl Fn(&Block<D>, usize, usize) -> Block<D> + Sync,
     ) -> Result<Compliance<'static, D>, Error> {
         let part = |island: &Island<'a, D>| {
             let caller = &self.order[island.nodes.clone()];
-            (caller.to_vec(), of(island.part(), caller))
+            let of = |i: usize, j: usize, w: &Block<D>| of(w, caller[i], caller[j]);
+            (caller.to_vec(), island.part().map(caller.len(), of))
         };
         Compliance::new(self.islands.iter().map(part).collect())
     }
@@ -170,13 +171,10 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// Largest `|W_ij − W_ji|` over the largest entry; zero for an elastic `W`.
     pub fn asymmetry(&self) -> f64 {
-        let (apart, largest) = self
-            .islands
-            .iter()
-            .map(Island::asymmetry)
-            .fold((0.0_f64, 0.0_f64), |(apart, largest), (a, b)| {
-                (apart.max(a), largest.max(b))
-            });
+        let (mut apart, mut largest) = (0.0_f64, 0.0_f64);
+        for (a, b) in self.islands.iter().map(Island::asymmetry) {
+            (apart, largest) = (apart.max(a), largest.max(b));
+        }
         if largest == 0.0 { 0.0 } else { apart / largest }
     }
 

@@ -15,9 +15,7 @@ use crate::linalg::dense;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{Block, Vector, amax, dot_long};
 use crate::linalg::sparse::blocks::Blocks;
-use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory;
-use crate::reduced::rotation::Rotation;
 use crate::tasks;
 
 /// With fewer rows, a second thread does not make a product faster.
@@ -32,38 +30,20 @@ pub enum Part<'a, const D: usize> {
 }
 
 impl<const D: usize> Part<'_, D> {
-    /// `T W T` for the contacts `caller`, in their order.
-    pub fn scaled(&self, elliptic: &EllipticScaling, caller: &[usize]) -> Part<'static, D> {
-        match self {
-            Part::Sparse(blocks) => {
-                let of = |i: usize, j: usize, w: &Block<D>| elliptic.block(w, caller[i], caller[j]);
-                Part::Sparse(Cow::Owned(blocks.map(of)))
-            }
-            Part::Dense(matrix) => {
-                let factor = |k: usize| elliptic.factor(caller[k / D], k % D);
-                let factors: Vec<f64> = (0..D * caller.len()).map(factor).collect();
-                // As in `EllipticScaling::block`: the product of factors first.
-                let row = |(row, t): (&[f64], &f64)| {
-                    let entries = row.iter().zip(&factors);
-                    entries.map(|(w, s)| w * (t * s)).collect::<Vec<f64>>()
-                };
-                let rows = matrix.chunks_exact(factors.len().max(1)).zip(&factors);
-                Part::Dense(Cow::Owned(rows.flat_map(row).collect()))
-            }
-        }
-    }
-
-    /// `Q W Qᵀ` for the contacts `caller`, in their order.
-    pub fn rotated(&self, rotation: &Rotation<D>, caller: &[usize]) -> Part<'static, D> {
-        let of = |i: usize, j: usize, w: &Block<D>| rotation.block(w, caller[i], caller[j]);
+    /// Each block `W_ij` replaced by `of(i, j, block)`.
+    pub fn map(
+        &self,
+        contacts: usize,
+        of: impl Fn(usize, usize, &Block<D>) -> Block<D> + Sync,
+    ) -> Part<'static, D> {
         match self {
             Part::Sparse(blocks) => Part::Sparse(Cow::Owned(blocks.map(of))),
             Part::Dense(matrix) => {
-                let n = D * caller.len();
-                let mut turned = vec![0.0; matrix.len()];
-                let rows = turned.chunks_exact_mut((D * n).max(1));
+                let n = D * contacts;
+                let mut mapped = vec![0.0; matrix.len()];
+                let rows = mapped.chunks_exact_mut((D * n).max(1));
                 tasks::for_each(rows, |i, rows| {
-                    for j in 0..caller.len() {
+                    for j in 0..contacts {
                         let at = |k: usize, l: usize| matrix[(D * i + k) * n + D * j + l];
                         let block = of(i, j, &Block::from_fn(at));
                         for (k, row) in rows.chunks_exact_mut(n).enumerate() {
@@ -73,7 +53,7 @@ impl<const D: usize> Part<'_, D> {
                         }
                     }
                 });
-                Part::Dense(Cow::Owned(turned))
+                Part::Dense(Cow::Owned(mapped))
             }
         }
     }

@@ -7,7 +7,7 @@ use crate::error::{Error, check_finite, check_length};
 use crate::law::bipotential::law_step;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{amax, length, norm};
+use crate::linalg::small::{add_scaled, amax, length, norm, scale_rows};
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::sparse_lu::Analysis;
@@ -211,11 +211,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
 
     /// `v += R a + q`.
     pub fn add_rest(&self, a: &[f64], v: &mut [[f64; D]]) {
-        for (value, free) in v.iter_mut().zip(&self.q) {
-            for k in 0..D {
-                value[k] += free[k];
-            }
-        }
+        add_scaled(v.as_flattened_mut(), 1.0, self.q.as_flattened());
         self.add_rigid(a, v);
     }
 
@@ -278,11 +274,7 @@ impl<const D: usize> Scaling<D> {
                 }
             })
             .collect();
-        let free = q
-            .iter()
-            .zip(&node)
-            .flat_map(|(v, d)| v.map(|c| (c * d).abs()))
-            .fold(0.0_f64, f64::max);
+        let free = amax(scale_rows(q, &node).as_flattened());
         let force = amax(&rigid.load);
         let displacement_exponent = if free > 0.0 {
             exponent(free)
@@ -296,15 +288,11 @@ impl<const D: usize> Scaling<D> {
         } else {
             exponent(force) // no compliance ties forces to displacements
         };
-        let to_v: Vec<f64> = node
+        let to_v = node
             .iter()
-            .map(|&d| times_two_to(d, -displacement_exponent))
-            .collect();
-        let to_r: Vec<f64> = node
-            .iter()
-            .map(|&d| times_two_to(1.0 / d, -force_exponent))
-            .collect();
-
+            .map(|&d| times_two_to(d, -displacement_exponent));
+        let to_r = node.iter().map(|&d| times_two_to(1.0 / d, -force_exponent));
+        let (to_v, to_r): (Vec<f64>, Vec<f64>) = (to_v.collect(), to_r.collect());
         let mut modes = rigid.modes.map(|i, _, motion| motion.map(|c| c * node[i]));
         // Also if R is dense: factors of W alone lose the digits of motions that deform nothing.
         let basis = if modes.len() >= tuning::sparse_contacts() && compliance.is_sparse() {
@@ -379,9 +367,7 @@ impl<const D: usize> Scaling<D> {
         for j in (0..a.len()).rev() {
             a[j] /= triangle[j][j];
             let solved = a[j];
-            for (value, t) in a.iter_mut().zip(&triangle[j][..j]) {
-                *value -= t * solved;
-            }
+            add_scaled(&mut a[..j], -solved, &triangle[j]);
         }
         a
     }
@@ -451,8 +437,7 @@ impl<const D: usize> Scaling<D> {
 
     /// `‖v̂‖` of a displacement.
     pub fn displacement_norm(&self, v: &[[f64; D]]) -> f64 {
-        let rows = v.iter().zip(&self.to_v);
-        norm(&rows.flat_map(|(v, s)| v.map(|c| c * s)).collect::<Vec<_>>())
+        norm(scale_rows(v, &self.to_v).as_flattened())
     }
 
     /// `‖r̂‖` of a reaction.
@@ -481,16 +466,10 @@ fn orthonormalise<const D: usize>(mut columns: Vec<Vec<[f64; D]>>) -> Result<Fac
         let before = norm(column);
         for _ in 0..2 {
             for (i, q) in done.iter().enumerate() {
-                let along: f64 = q
-                    .as_flattened()
-                    .iter()
-                    .zip(&*column)
-                    .map(|(a, b)| a * b)
-                    .sum();
+                let terms = q.as_flattened().iter().zip(&*column);
+                let along: f64 = terms.map(|(a, b)| a * b).sum();
                 t[i] += along;
-                for (value, a) in column.iter_mut().zip(q.as_flattened()) {
-                    *value -= along * a;
-                }
+                add_scaled(column, -along, q.as_flattened());
             }
         }
         t[j] = norm(column);

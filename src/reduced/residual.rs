@@ -22,7 +22,7 @@ use std::borrow::Cow;
 
 use crate::law::bipotential;
 use crate::law::cone::Status;
-use crate::linalg::small::{length, norm};
+use crate::linalg::small::{length, norm, plus_scaled};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::rounding::Rounding;
 use crate::reduced::tuning;
@@ -93,14 +93,14 @@ impl<const D: usize> Certificate<D> {
     /// Computes the certificate of a point whose `v` was not evaluated with `W`.
     pub fn of(problem: &Reduced<D>, r: &[[f64; D]], v: Vec<[f64; D]>, a: &[f64]) -> Self {
         let mut status = vec![Status::Open; r.len()];
-        let law = law_norm(problem, r, &v, f64::INFINITY, |i, s| status[i] = s);
+        let law = shortened_law_norm(problem, r, &v, f64::INFINITY, |i, s| status[i] = s);
         let whole = size(problem, r, a);
         let normals = Normals::new(problem);
         let rounding = Rounding::new(problem, &normals, r, &v, a);
         let undone = Undone::new(problem, r, a);
         let left = Left::of(
             undone.size(|v| problem.scaling.displacement_norm(v)),
-            |most| law_norm(problem, r, &v, most, |_, _| ()),
+            |most| shortened_law_norm(problem, r, &v, most, |_, _| ()),
             rounding.felt,
         );
         let openings = v.iter().zip(&problem.law).map(|(v, law)| law.opening(v));
@@ -178,14 +178,14 @@ pub fn residual<const D: usize>(
     v: &[[f64; D]],
     a: &[f64],
 ) -> f64 {
-    let law = law_norm(problem, r, v, f64::INFINITY, |_, _| ());
+    let law = law_norm(problem, r, v);
     relative(problem, r, law, size(problem, r, a))
 }
 
 /// `‖(F, R̂ᵀ r̂ + ê)‖`, which a line search reduces. The ratio η would favour a rigid motion
 /// that grows without bound, because `‖F(0)‖` grows with it.
 pub fn merit<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
-    law_norm(problem, r, v, f64::INFINITY, |_, _| ()).hypot(imbalance_norm(problem, r))
+    law_norm(problem, r, v).hypot(imbalance_norm(problem, r))
 }
 
 /// η from `‖F(r)‖` and its reference size.
@@ -198,9 +198,18 @@ fn relative<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], law: f64, whol
     law.max(ratio(imbalance, force_size(problem, r)))
 }
 
-/// `‖F(r)‖`, with each reaction longer than `most` shortened to it; calls `report` with the status of
-/// each contact.
+/// `‖F(r)‖`.
 pub(super) fn law_norm<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    v: &[[f64; D]],
+) -> f64 {
+    shortened_law_norm(problem, r, v, f64::INFINITY, |_, _| ())
+}
+
+/// The same with each reaction longer than `most` shortened to it; calls `report` with the status of
+/// each contact.
+fn shortened_law_norm<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
     v: &[[f64; D]],
@@ -251,8 +260,7 @@ pub(super) fn force_size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -
 /// `R̂ᵀ r̂ + ê`.
 pub fn scaled_imbalance<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
     let scaling = &problem.scaling;
-    let work = scaling.modes.work(r, &scaling.to_r);
-    work.iter().zip(&scaling.load).map(|(w, e)| w + e).collect()
+    plus_scaled(&scaling.modes.work(r, &scaling.to_r), 1.0, &scaling.load)
 }
 
 /// `‖R̂ᵀ r̂ + ê‖`.
@@ -354,10 +362,8 @@ impl<'p, const D: usize> Normals<'p, D> {
 
     /// By how much tangential reactions displace pressed contacts.
     fn moved_along(&self, r: &[[f64; D]]) -> f64 {
-        let along: Vec<[f64; D]> = r
-            .iter()
-            .map(|r| std::array::from_fn(|k| if k == 0 { 0.0 } else { r[k] }))
-            .collect();
+        let mut along = r.to_vec();
+        along.iter_mut().for_each(|r| r[0] = 0.0);
         let mut moved = vec![[0.0; D]; r.len()];
         self.problem.compliance.product(&along, &mut moved);
         let pressed = moved.iter().zip(r);

@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 
 use crate::linalg::least_squares;
+use crate::linalg::small::{add_scaled, plus_scaled};
 use crate::solver::tuning;
 
 /// The last steps.
@@ -27,16 +28,13 @@ impl Anderson {
     /// Takes `f` and the payload `p` of `G(x)`. Returns the extrapolated payload, or `None`
     /// without an earlier step.
     pub fn extrapolate(&mut self, f: Vec<f64>, payload: Vec<f64>) -> Option<Vec<f64>> {
-        let change = |last: &mut [f64], now: &[f64]| {
-            last.iter_mut().zip(now).for_each(|(y, x)| *y = x - *y);
-        };
-        if let Some((mut last_f, mut last_p)) = self.last.take() {
-            change(&mut last_f, &f);
-            change(&mut last_p, &payload);
+        if let Some((last_f, last_p)) = self.last.take() {
+            let of_f = plus_scaled(&f, -1.0, &last_f);
             if self.steps.len() == tuning::anderson_memory() {
                 let _ = self.steps.pop_front();
             }
-            self.steps.push_back((last_f, last_p));
+            let of_payload = plus_scaled(&payload, -1.0, &last_p);
+            self.steps.push_back((of_f, of_payload));
         }
         let mut extrapolated = None;
         if !self.steps.is_empty() {
@@ -45,9 +43,7 @@ impl Anderson {
             let gamma = least_squares::solve(steps.clone().map(|(f, _)| f.as_slice()), &f);
             let mut next = payload.clone();
             for ((_, step), gamma) in steps.zip(&gamma) {
-                for (value, change) in next.iter_mut().zip(step) {
-                    *value -= gamma * change;
-                }
+                add_scaled(&mut next, -gamma, step);
             }
             extrapolated = Some(next);
         }

@@ -8,7 +8,7 @@ use crate::equilibrium::decide::{Decision, Verdict, decide};
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::statics::Statics;
 use crate::error::Error;
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::{add_scaled, dot_long, norm, scale_rows};
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::existence::{LEAST_WORK, works};
 use crate::reduced::reduced::Reduced;
@@ -51,11 +51,14 @@ pub(super) fn ask<const D: usize>(
 ) -> Result<Decision, Ended> {
     let limits = Limits::new(monitor.stop(), seconds);
     let mut decision = decide(&of_problem(problem)?, &problem.rigid.load, limits)?;
-    if decision.verdict == Verdict::None && !works(problem, &decision.motion) {
+    if decision.verdict == Verdict::None {
+        if works(problem, &decision.motion) {
+            let motion = of_largest_one(problem, decision.motion);
+            return Err(monitor.exclude_reactions(motion));
+        }
         decision.verdict = Verdict::Undecided;
     }
-    let motion = of_largest_one(problem, decision.motion.clone());
-    monitor.take_verdict(decision.verdict, motion)?;
+    monitor.balanced |= decision.verdict == Verdict::Balanced;
     Ok(decision)
 }
 
@@ -99,10 +102,8 @@ pub(super) fn find_rest<const D: usize>(problem: &Reduced<D>) -> Option<Vec<f64>
     let mut left = problem.q.clone();
     // The second and third step correct the rounding of the first.
     for _ in 0..3 {
-        let scaled = left.iter().zip(&scaling.to_v);
-        let scaled: Vec<[f64; D]> = scaled.map(|(v, s)| v.map(|x| x * s)).collect();
-        let step = scaling.rigid_from_scaled(&scaling.fit(&scaled));
-        motion.iter_mut().zip(step).for_each(|(a, step)| *a -= step);
+        let step = scaling.fit(&scale_rows(&left, &scaling.to_v));
+        add_scaled(&mut motion, -1.0, &scaling.rigid_from_scaled(&step));
         left = problem.relative_displacement(&nothing, &motion);
     }
     let sizes = modes.lengths().into_iter().zip(&motion);
@@ -152,10 +153,8 @@ pub(super) fn runaway<const D: usize>(
 fn of_largest_one<const D: usize>(problem: &Reduced<D>, mut a: Vec<f64>) -> Vec<f64> {
     let mut moved = vec![[0.0; D]; problem.contacts()];
     problem.add_rigid(&a, &mut moved);
-    let lengths = moved
-        .iter()
-        .map(|v| v.iter().fold(0.0_f64, |sum, x| sum.hypot(*x)));
-    let largest = lengths.fold(0.0_f64, f64::max);
+    let length = |v: &[f64; D]| v.iter().fold(0.0_f64, |sum, x| sum.hypot(*x));
+    let largest = moved.iter().map(length).fold(0.0_f64, f64::max);
     if largest.is_normal() {
         for x in &mut a {
             *x /= largest;

@@ -37,6 +37,26 @@ impl<const D: usize> EvaluatedPoint<D> {
         Self { r, v, rigid }
     }
 
+    /// The point at a share of the way to another; exactly its `r` and `v` for a full step.
+    pub fn towards(&self, to: &Self, share: f64) -> Self {
+        let blend = |x: &f64, y: &f64| x + share * (y - x);
+        let between = |x: &[[f64; D]], y: &[[f64; D]]| {
+            if share >= 1.0 {
+                return y.to_vec();
+            }
+            let pairs = x.iter().zip(y);
+            pairs
+                .map(|(x, y)| std::array::from_fn(|k| blend(&x[k], &y[k])))
+                .collect()
+        };
+        let rigid = self.rigid.iter().zip(&to.rigid);
+        Self {
+            r: between(&self.r, &to.r),
+            v: between(&self.v, &to.v),
+            rigid: rigid.map(|(x, y)| blend(x, y)).collect(),
+        }
+    }
+
     /// `‖(F, R̂ᵀ r̂ + ê)‖` of the law.
     pub fn merit(&self, problem: &Reduced<D>) -> f64 {
         merit(problem, &self.r, &self.v)

@@ -1,9 +1,9 @@
 //! Monitors a solver: history, best point, limits, and whether to stop.
 
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
-use crate::equilibrium::decide::Verdict;
 use crate::error::Error;
 use crate::law::bipotential::law_step;
 use crate::law::cone::{Status, project};
@@ -81,8 +81,8 @@ pub struct Monitor<'p, const D: usize> {
     started: Instant,
     log: Log<D>,
     furthest_rigid: Vec<f64>,
-    /// Whether reactions balance the loads, if statics was asked.
-    statics: Option<Verdict>,
+    /// Whether statics has found reactions that balance the loads.
+    pub(super) balanced: bool,
     best: f64,
     /// η when it last halved, and the iteration.
     halved: f64,
@@ -130,7 +130,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 ..Log::default()
             },
             furthest_rigid: Vec::new(),
-            statics: None,
+            balanced: false,
             best: f64::INFINITY,
             halved: f64::INFINITY,
             last_halved: 0,
@@ -204,7 +204,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         let claims = eta <= self.settings.tol || (eta <= self.floor && at_rest);
         if claims && eta <= 0.5 * self.refuted {
             let within = within_cones(self.problem, r, v);
-            let r = within.as_deref().unwrap_or(r);
+            let r = within.as_ref();
             let nothing = vec![0.0; a.len()];
             let a = if self.rigid && rests(self.problem, r) {
                 nothing.as_slice()
@@ -285,20 +285,10 @@ impl<'p, const D: usize> Monitor<'p, D> {
         &self.furthest_rigid
     }
 
-    /// Takes the verdict of statics; ends the solve if this motion proves that no reactions balance
-    /// the loads.
-    pub fn take_verdict(&mut self, verdict: Verdict, motion: Vec<f64>) -> Result<(), Ended> {
-        self.statics = Some(verdict);
-        if verdict != Verdict::None {
-            return Ok(());
-        }
+    /// Ends the solve: this motion proves that no reactions balance the loads.
+    pub fn exclude_reactions(&mut self, motion: Vec<f64>) -> Ended {
         self.log.free_motion = motion;
-        Err(Ended::Stopped(Outcome::NoEquilibrium))
-    }
-
-    /// Whether statics has found reactions that balance the loads.
-    pub fn balanced(&self) -> bool {
-        self.statics == Some(Verdict::Balanced)
+        Ended::Stopped(Outcome::NoEquilibrium)
     }
 
     /// Ends the solve: no statuses of the contacts are a solution.
@@ -341,14 +331,14 @@ fn rests<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool {
     })
 }
 
-/// The projection of a candidate solution onto the cones; `None` if it lies in them. A large μ
-/// hides from η how far outside the cones a point is: a little more pressure suffices. With
-/// cohesion an open contact has no pressure at all, not even the rest of an iteration.
-fn within_cones<const D: usize>(
+/// The projection of a candidate solution onto the cones. A large μ hides from η how far outside the
+/// cones a point is: a little more pressure suffices. With cohesion an open contact has no pressure
+/// at all, not even the rest of an iteration.
+fn within_cones<'r, const D: usize>(
     problem: &Reduced<D>,
-    r: &[[f64; D]],
+    r: &'r [[f64; D]],
     v: &[[f64; D]],
-) -> Option<Vec<[f64; D]>> {
+) -> Cow<'r, [[f64; D]]> {
     /// Largest distance of sliding contacts from the boundary of the cone that is due to
     /// rounding.
     const RIM: f64 = 1e-12;
@@ -366,6 +356,10 @@ fn within_cones<const D: usize>(
         }
         within
     };
-    let within: Vec<[f64; D]> = (0..r.len()).map(inside).collect();
-    (within != r).then_some(within)
+    let Some(first) = (0..r.len()).find(|&i| inside(i) != r[i]) else {
+        return Cow::Borrowed(r);
+    };
+    let mut within = r.to_vec();
+    (first..r.len()).for_each(|i| within[i] = inside(i));
+    Cow::Owned(within)
 }

@@ -7,6 +7,7 @@ use crate::law::bipotential;
 use crate::law::cone::Status;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::Certificate;
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::refine;
 use crate::solver::outcome::Outcome;
@@ -141,8 +142,8 @@ impl<const D: usize> Solution<D> {
         let refined = refine::refine(problem, point.clone(), evaluate, stop)?;
         let forward = refine::forward_error(problem, &refined, &[], stop)?;
         let judged = [refined, point].map(|point| {
-            let certificate = Certificate::of(problem, &point.r, point.v, &point.rigid);
-            (certificate, point.r, point.rigid)
+            let EvaluatedPoint { r, v, rigid } = point.at;
+            (Certificate::of(problem, &r, v, &rigid), r, rigid)
         });
         let [refined, as_it_was] = judged;
         let answers = |judged: &(Certificate<D>, _, _)| judged.0.converged(settings.tol);

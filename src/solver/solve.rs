@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::cone::project;
+use crate::linalg::small::add_scaled;
 use crate::reduced::existence::is_contradiction;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
@@ -64,9 +65,9 @@ pub fn solve_watched<const D: usize>(
         // The rounding of q would be as large as all displacements.
         let still = problem.without_offset()?;
         let mut start = start.clone();
-        shift(&mut start.rigid, -1.0, motion);
+        add_scaled(&mut start.rigid, -1.0, motion);
         let mut solution = solve_watched(&still, settings, &start, stop, progress)?;
-        shift(&mut solution.rigid_motion, 1.0, motion);
+        add_scaled(&mut solution.rigid_motion, 1.0, motion);
         return Ok(solution);
     }
     let mut sequence = Sequence::default();
@@ -79,7 +80,7 @@ pub fn solve_watched<const D: usize>(
     );
     let mut outcome = outcome_of(ended)?;
     let is_open = |outcome| !matches!(outcome, Outcome::Converged | Outcome::NoEquilibrium);
-    let unasked = auto && resting.is_none() && !monitor.balanced();
+    let unasked = auto && resting.is_none() && !monitor.balanced;
     if unasked
         && is_open(outcome)
         && !problem.rigid.modes.is_empty()
@@ -89,7 +90,7 @@ pub fn solve_watched<const D: usize>(
     }
     let furthest = monitor.furthest_rigid().to_vec();
     // Then reactions exist. With a compliance a balance is necessary only.
-    let held = monitor.balanced() && problem.moves_rigidly();
+    let held = monitor.balanced && problem.moves_rigidly();
     let mut solution = finish(problem, settings, monitor, outcome);
     if settings.method == Method::MinimisingSequence {
         solution.sequence = Some(sequence.scattered(problem.compliance));
@@ -126,13 +127,6 @@ pub fn solve_watched<const D: usize>(
 /// The time of statics, whatever limit a method has reached.
 fn seconds_of_statics(settings: &Settings) -> f64 {
     settings.max_seconds.max(2.0)
-}
-
-/// `a ← a + sign · offset`.
-fn shift(a: &mut [f64], sign: f64, offset: &[f64]) {
-    for (a, offset) in a.iter_mut().zip(offset) {
-        *a += sign * offset;
-    }
 }
 
 /// Finds a start, and calls the method.

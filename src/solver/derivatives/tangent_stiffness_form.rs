@@ -13,15 +13,12 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::pages;
-use crate::linalg::small::{Block, Vector};
+use crate::linalg::small::{Block, Vector, rows_plus_scaled};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Scaling;
-use crate::solver::derivatives::tangent_system::{ClosedLaw, Conditioned, FactoredTangent};
+use crate::solver::derivatives::tangent_system::{ClosedLaw, FactoredTangent, TangentSystem};
 use crate::solver::tuning;
 use crate::tasks;
-
-/// Corrections of a solution.
-const REFINEMENTS: usize = 1;
 
 /// A component of `y` that is unknown.
 #[derive(Clone, Copy, Debug)]
@@ -38,7 +35,7 @@ pub struct TangentStiffnessForm<const D: usize> {
     /// `A_r` and `A_v` of each position.
     by: Vec<(Block<D>, Block<D>)>,
     unknowns: Vec<Unknown>,
-    conditioned: Conditioned,
+    inner: TangentSystem,
 }
 
 impl<const D: usize> TangentStiffnessForm<D> {
@@ -78,13 +75,13 @@ impl<const D: usize> TangentStiffnessForm<D> {
         };
         let rows = unknowns.iter().map(size).collect();
         let columns = unknowns.iter().map(|u| 1.0 / scaling.to_v[u.position]);
-        let made = Conditioned::new(matrix, rows, columns.collect(), stop)?;
-        Ok(made.map(|conditioned| Self {
+        let made = TangentSystem::dense(matrix, rows, columns.collect(), stop)?;
+        Ok(made.map(|inner| Self {
             compliance: Arc::clone(compliance),
             laws: laws.to_vec(),
             by,
             unknowns,
-            conditioned,
+            inner,
         }))
     }
 
@@ -104,7 +101,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
             right[u.position][u.component] - value[u.component]
         };
         let mut solved: Vec<f64> = self.unknowns.iter().map(of).collect();
-        self.conditioned.solve(&mut solved);
+        self.inner.solve(&mut solved);
         for (u, value) in self.unknowns.iter().zip(solved) {
             y[u.position][u.component] = value;
         }
@@ -117,7 +114,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
         let g = self.inverse(right);
         let at = |u: &Unknown| g[u.position][u.component];
         let mut solved: Vec<f64> = self.unknowns.iter().map(at).collect();
-        self.conditioned.solve_transposed(&mut solved);
+        self.inner.solve_transposed(&mut solved);
         let mut w = vec![[0.0; D]; right.len()];
         for (u, value) in self.unknowns.iter().zip(solved) {
             w[u.position][u.component] = value;
@@ -137,11 +134,10 @@ impl<const D: usize> TangentStiffnessForm<D> {
         x: &[[f64; D]],
         of: impl Fn(&(Block<D>, Block<D>)) -> Block<D>,
     ) -> Vec<[f64; D]> {
-        let product = |(by, x): (&(Block<D>, Block<D>), &[f64; D])| {
-            let value: [f64; D] = (of(by) * Vector::from(*x)).into();
-            value
-        };
-        self.by.iter().zip(x).map(product).collect()
+        let pairs = self.by.iter().zip(x);
+        pairs
+            .map(|(by, x)| (of(by) * Vector::from(*x)).into())
+            .collect()
     }
 
     fn inverse(&self, y: &[[f64; D]]) -> Vec<[f64; D]> {
@@ -150,7 +146,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
         r
     }
 
-    /// The reactions of closed contacts; those of open ones are rounding.
+    /// The values of closed contacts; reactions of open ones are rounding.
     fn keep_closed(&self, r: &[[f64; D]]) -> Vec<[f64; D]> {
         let mut found = vec![[0.0; D]; r.len()];
         for law in &self.laws {
@@ -180,44 +176,30 @@ impl<const D: usize> FactoredTangent for TangentStiffnessForm<D> {
     }
 
     fn reciprocal_condition(&self) -> f64 {
-        self.conditioned.reciprocal_condition()
+        self.inner.reciprocal_condition()
     }
 
     fn solve(&self, x: &mut [f64]) {
         let right = self.spread(x);
-        let mut r = self.first(&right);
-        for _ in 0..REFINEMENTS {
-            let mut v = vec![[0.0; D]; r.len()];
-            self.compliance.product(&r, &mut v);
-            let mut left = right.clone();
-            for (i, (by_r, by_v)) in self.by.iter().enumerate() {
-                let value = by_r * Vector::from(r[i]) + by_v * Vector::from(v[i]);
-                subtract(&mut left[i], &value);
-            }
-            add(&mut r, &self.first(&left));
-        }
-        self.gather(&r, x);
+        let r = self.first(&right);
+        let mut v = vec![[0.0; D]; r.len()];
+        self.compliance.product(&r, &mut v);
+        let pulled = self.times(&r, |(by_r, _)| *by_r);
+        let value = rows_plus_scaled(&pulled, 1.0, &self.times(&v, |(_, by_v)| *by_v));
+        let correction = self.first(&rows_plus_scaled(&right, -1.0, &value));
+        self.gather(&rows_plus_scaled(&r, 1.0, &correction), x);
     }
 
     fn solve_transposed(&self, x: &mut [f64]) {
         let right = self.spread(x);
-        let mut w = self.first_transposed(&right);
-        for _ in 0..REFINEMENTS {
-            let pulled: Vec<[f64; D]> = self.times(&w, |(_, by_v)| by_v.transpose());
-            let mut moved = vec![[0.0; D]; w.len()];
-            self.compliance.product(&pulled, &mut moved);
-            let own = self.times(&w, |(by_r, _)| by_r.transpose());
-            let mut left = right.clone();
-            for law in &self.laws {
-                let i = law.position;
-                subtract(
-                    &mut left[i],
-                    &(Vector::from(own[i]) + Vector::from(moved[i])),
-                );
-            }
-            add(&mut w, &self.first_transposed(&left));
-        }
-        self.gather(&w, x);
+        let w = self.first_transposed(&right);
+        let pulled: Vec<[f64; D]> = self.times(&w, |(_, by_v)| by_v.transpose());
+        let mut moved = vec![[0.0; D]; w.len()];
+        self.compliance.product(&pulled, &mut moved);
+        let own = self.times(&w, |(by_r, _)| by_r.transpose());
+        let value = self.keep_closed(&rows_plus_scaled(&own, 1.0, &moved));
+        let correction = self.first_transposed(&rows_plus_scaled(&right, -1.0, &value));
+        self.gather(&rows_plus_scaled(&w, 1.0, &correction), x);
     }
 }
 
@@ -250,18 +232,4 @@ fn matrix<const D: usize>(
         }
     });
     matrix
-}
-
-fn add<const D: usize>(to: &mut [[f64; D]], values: &[[f64; D]]) {
-    for (sum, value) in to.iter_mut().zip(values) {
-        for k in 0..D {
-            sum[k] += value[k];
-        }
-    }
-}
-
-fn subtract<const D: usize>(from: &mut [f64; D], value: &Vector<D>) {
-    for k in 0..D {
-        from[k] -= value[k];
-    }
 }

@@ -47,10 +47,10 @@ pub trait FactoredTangent: Send + Sync {
     fn reciprocal_condition(&self) -> f64;
 }
 
-/// A factored matrix whose rows and columns are scaled, so that its entries are independent of
-/// units.
+/// A factored system whose rows and columns are scaled, so that its entries are independent of
+/// units. Unknowns are the components of `dr`, contact by contact, then `da`.
 #[derive(Debug)]
-pub(super) struct Conditioned {
+pub struct TangentSystem {
     factors: Factors<Analysis>,
     rows: Vec<f64>,
     columns: Vec<f64>,
@@ -58,8 +58,8 @@ pub(super) struct Conditioned {
     norm: f64,
 }
 
-impl Conditioned {
-    /// As [`Conditioned::new`], of a matrix in blocks.
+impl TangentSystem {
+    /// As [`TangentSystem::dense`], of a matrix in blocks.
     fn sparse<const D: usize>(
         matrix: &Blocks<D>,
         sizes: Vec<f64>,
@@ -91,7 +91,7 @@ impl Conditioned {
 
     /// Factors a matrix given by rows, with the sizes of its rows and the scales of its columns;
     /// `None` if it is singular.
-    pub(super) fn new(
+    pub(super) fn dense(
         mut matrix: Vec<f64>,
         sizes: Vec<f64>,
         columns: Vec<f64>,
@@ -115,60 +115,6 @@ impl Conditioned {
         }))
     }
 
-    /// `x ← M⁻¹ x`.
-    pub(super) fn solve(&self, x: &mut [f64]) {
-        multiply(x, &self.rows);
-        self.factors.solve(x, false);
-        multiply(x, &self.columns);
-    }
-
-    /// `x ← M⁻ᵀ x`.
-    pub(super) fn solve_transposed(&self, x: &mut [f64]) {
-        multiply(x, &self.columns);
-        self.factors.solve(x, true);
-        multiply(x, &self.rows);
-    }
-
-    /// Estimate of the reciprocal condition of the scaled matrix in the largest norm of rows,
-    /// by the power method of Hager (1984).
-    pub(super) fn reciprocal_condition(&self) -> f64 {
-        /// The estimate is rarely more than three times too small then.
-        const STEPS: usize = 2;
-        let n = self.columns.len();
-        if n == 0 {
-            return 1.0;
-        }
-        #[expect(clippy::cast_precision_loss, reason = "an order")]
-        let mut x = vec![1.0 / n as f64; n];
-        let mut largest = 0.0_f64;
-        for _ in 0..STEPS {
-            // The 1-norm of M⁻ᵀ is the norm of rows of M⁻¹.
-            self.factors.solve(&mut x, true);
-            let sum: f64 = x.iter().map(|x| x.abs()).sum();
-            if !sum.is_finite() {
-                return 0.0;
-            }
-            if sum <= largest {
-                break;
-            }
-            largest = sum;
-            let mut signs: Vec<f64> = x.iter().map(|x| 1.0_f64.copysign(*x)).collect();
-            self.factors.solve(&mut signs, false);
-            let at = (0..n).max_by(|&i, &j| signs[i].abs().total_cmp(&signs[j].abs()));
-            x.fill(0.0);
-            x[at.unwrap_or_default()] = 1.0;
-        }
-        1.0 / (self.norm * largest)
-    }
-}
-
-/// The factored system. Unknowns are the components of `dr`, contact by contact, then `da`.
-#[derive(Debug)]
-pub struct TangentSystem {
-    conditioned: Conditioned,
-}
-
-impl TangentSystem {
     /// Factors the system of some closed contacts; `None` if it is singular.
     pub fn new<const D: usize>(
         problem: &Reduced<D>,
@@ -205,9 +151,9 @@ impl TangentSystem {
         if n > 0 && problem.compliance.is_sparse() {
             let blocks = Blocks::from_rows(laws.len() + modes.len().div_ceil(D), &row);
             // Rows are exchanged within fronts only: singular may mean that others are needed.
-            let made = Conditioned::sparse(&blocks, sizes.clone(), columns.clone(), stop)?;
-            if let Some(conditioned) = made {
-                return Ok(Some(Self { conditioned }));
+            let made = Self::sparse(&blocks, sizes.clone(), columns.clone(), stop)?;
+            if made.is_some() {
+                return Ok(made);
             }
         }
         memory::check("the tangent system", 8 * (n as u128).pow(2))?;
@@ -222,26 +168,56 @@ impl TangentSystem {
             });
         };
         tasks::for_each_together(matrix.chunks_mut((D * n).max(1)), 16, fill);
-        let made = Conditioned::new(matrix, sizes, columns, stop)?;
-        Ok(made.map(|conditioned| Self { conditioned }))
+        Self::dense(matrix, sizes, columns, stop)
     }
 }
 
 impl FactoredTangent for TangentSystem {
     fn order(&self) -> usize {
-        self.conditioned.columns.len()
+        self.columns.len()
     }
 
     fn solve(&self, x: &mut [f64]) {
-        self.conditioned.solve(x);
+        multiply(x, &self.rows);
+        self.factors.solve(x, false);
+        multiply(x, &self.columns);
     }
 
     fn solve_transposed(&self, x: &mut [f64]) {
-        self.conditioned.solve_transposed(x);
+        multiply(x, &self.columns);
+        self.factors.solve(x, true);
+        multiply(x, &self.rows);
     }
 
+    /// In the largest norm of rows of the scaled matrix, by the power method of Hager (1984).
     fn reciprocal_condition(&self) -> f64 {
-        self.conditioned.reciprocal_condition()
+        /// The estimate is rarely more than three times too small then.
+        const STEPS: usize = 2;
+        let n = self.columns.len();
+        if n == 0 {
+            return 1.0;
+        }
+        #[expect(clippy::cast_precision_loss, reason = "an order")]
+        let mut x = vec![1.0 / n as f64; n];
+        let mut largest = 0.0_f64;
+        for _ in 0..STEPS {
+            // The 1-norm of M⁻ᵀ is the norm of rows of M⁻¹.
+            self.factors.solve(&mut x, true);
+            let sum: f64 = x.iter().map(|x| x.abs()).sum();
+            if !sum.is_finite() {
+                return 0.0;
+            }
+            if sum <= largest {
+                break;
+            }
+            largest = sum;
+            let mut signs: Vec<f64> = x.iter().map(|x| 1.0_f64.copysign(*x)).collect();
+            self.factors.solve(&mut signs, false);
+            let at = (0..n).max_by(|&i, &j| signs[i].abs().total_cmp(&signs[j].abs()));
+            x.fill(0.0);
+            x[at.unwrap_or_default()] = 1.0;
+        }
+        1.0 / (self.norm * largest)
     }
 }
 

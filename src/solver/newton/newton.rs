@@ -11,7 +11,7 @@ use crate::law::alart_curnier::Linearised;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::length;
 use crate::reduced::reduced::Reduced;
-use crate::reduced::residual::{imbalance_norm, merit, residual, scaled_imbalance};
+use crate::reduced::residual::{imbalance_norm, merit, scaled_imbalance};
 use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::{self, ComplianceForm, Solved, is_free};
@@ -30,9 +30,9 @@ pub fn alone<const D: usize>(
 ) -> Result<(), Ended> {
     let begin = EvaluatedPoint::begin(problem, start, monitor);
     let _ = begin.look(monitor, false)?;
-    let (mut r, mut rigid) = (begin.r, begin.rigid);
-    while let Some(better) = run(problem, &r, &rigid, monitor)? {
-        (r, rigid) = (better.r, better.rigid);
+    let mut next = run(problem, &begin.r, &begin.rigid, monitor)?;
+    while let Some(better) = next {
+        next = run(problem, &better.r, &better.rigid, monitor)?;
     }
     Ok(())
 }
@@ -88,13 +88,9 @@ impl<const D: usize> Near<D> {
         self.shift == 0.0 && self.frozen.is_empty()
     }
 
-    /// The `v` of the nearby problem at `r`, from that of the problem.
-    fn felt<'v>(
-        &self,
-        problem: &Reduced<D>,
-        r: &[[f64; D]],
-        v: &'v [[f64; D]],
-    ) -> Cow<'v, [[f64; D]]> {
+    /// The `v` of the nearby problem.
+    fn felt<'v>(&self, problem: &Reduced<D>, at: &'v EvaluatedPoint<D>) -> Cow<'v, [[f64; D]]> {
+        let EvaluatedPoint { r, v, .. } = at;
         if self.shift == 0.0 {
             return Cow::Borrowed(v);
         }
@@ -106,18 +102,18 @@ impl<const D: usize> Near<D> {
         Cow::Owned((0..v.len()).map(felt).collect())
     }
 
-    /// Its merit at `r`.
-    pub fn merit(&self, problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
+    /// Its merit.
+    pub fn merit(&self, problem: &Reduced<D>, at: &EvaluatedPoint<D>) -> f64 {
+        let EvaluatedPoint { r, v, .. } = at;
         if self.frozen.is_empty() {
-            return merit(problem, r, &self.felt(problem, r, v));
+            return merit(problem, r, &self.felt(problem, at));
         }
         let scaling = &problem.scaling;
         let (mut squares, mut largest) = (0.0, 0.0_f64);
         for (i, law) in self.frozen.iter().enumerate() {
             let (r, v) = scaling.scale(i, &r[i], &v[i]);
-            let next = law
-                .scaled(scaling.to_v[i], scaling.to_r[i])
-                .step(&r, &v, 1.0);
+            let law = law.scaled(scaling.to_v[i], scaling.to_r[i]);
+            let next = law.step(&r, &v, 1.0);
             for (x, y) in r.iter().zip(&next) {
                 squares += (x - y).powi(2);
                 largest = largest.max((x - y).abs());
@@ -126,17 +122,13 @@ impl<const D: usize> Near<D> {
         length(squares, largest).hypot(imbalance_norm(problem, r))
     }
 
-    /// Its law, linearised at `r` and its own `v`.
-    fn linearised(
-        &self,
-        problem: &Reduced<D>,
-        r: &[[f64; D]],
-        felt: &[[f64; D]],
-    ) -> Linearisation<D> {
+    /// Its law, linearised.
+    fn linearised(&self, problem: &Reduced<D>, at: &EvaluatedPoint<D>) -> Linearisation<D> {
+        let felt = self.felt(problem, at);
         if !self.frozen.is_empty() {
-            return Linearisation::frozen(problem, &self.frozen, r, felt);
+            return Linearisation::frozen(problem, &self.frozen, &at.r, &felt);
         }
-        let mut law = Linearisation::with_step(problem, r, felt, self.rho);
+        let mut law = Linearisation::with_step(problem, &at.r, &felt, self.rho);
         law.shift = self.shift;
         law
     }
@@ -155,7 +147,7 @@ pub fn approach<const D: usize>(
         None => from.clone(),
     };
     monitor.count(1.0);
-    let solved = near.merit(problem, &next.r, &next.v) <= enough;
+    let solved = near.merit(problem, &next) <= enough;
     Ok((next, solved))
 }
 
@@ -168,73 +160,57 @@ pub fn run_near<const D: usize>(
     enough: f64,
     monitor: &mut Monitor<D>,
 ) -> Result<Option<Solved<D>>, Ended> {
-    let mut r = r.to_vec();
-    let mut rigid = rigid.to_vec();
-    let mut v = problem.relative_displacement(&r, &rigid);
+    let mut at = EvaluatedPoint::new(problem, r.to_vec(), rigid.to_vec());
     monitor.count(1.0);
     // Merits of the last points, and the best point with its merit.
-    let mut recent = vec![near.merit(problem, &r, &v)];
+    let mut recent = vec![near.merit(problem, &at)];
     let started = recent[0];
-    let mut best = (started, r.clone(), rigid.clone());
+    let solved = |at: &EvaluatedPoint<D>| {
+        let (r, rigid) = (at.r.clone(), at.rigid.clone());
+        Solved { r, rigid }
+    };
+    let mut best = (started, None);
     for _ in 0..tuning::newton_steps() {
         if best.0 <= enough && !near.is_nothing() {
             break;
         }
-        let felt = near.felt(problem, &r, &v);
-        let law = near.linearised(problem, &r, &felt);
+        let law = near.linearised(problem, &at);
         let wish = tuning::newton_forcing() * monitor.wish();
         let forcing = || {
-            let share = wish / residual(problem, &r, &v, &rigid);
+            let share = wish / at.residual(problem);
             share.clamp(tuning::least_forcing(), tuning::most_forcing())
         };
-        let imbalance = scaled_imbalance(problem, &r);
-        let point = (r.as_slice(), v.as_slice(), rigid.as_slice());
+        let imbalance = scaled_imbalance(problem, &at.r);
         let stop = monitor.stop();
         let mut count = |products| monitor.count(products);
-        let solved = solve(problem, &law, point, &imbalance, &forcing, &mut count, stop)?;
-        let Some(to) = solved else {
+        let Some(to) = solve(problem, &law, (&at, &imbalance), &forcing, &mut count, stop)? else {
             break;
         };
-        let to_v = problem.relative_displacement(&to.r, &to.rigid);
+        let to = EvaluatedPoint::new(problem, to.r, to.rigid);
         monitor.count(1.0);
         let moved = |share: f64| {
-            let next_r = between(&r, &to.r, share);
-            let next_v = between(&v, &to_v, share);
-            let pairs = rigid.iter().zip(&to.rigid);
-            let next_rigid: Vec<f64> = pairs.map(|(x, y)| x + share * (y - x)).collect();
-            let merit = near.merit(problem, &next_r, &next_v);
-            (merit, (next_r, next_v, next_rigid))
+            let next = at.towards(&to, share);
+            (near.merit(problem, &next), next)
         };
         let Ok(next) = search(&recent, tuning::newton_halvings(), moved) else {
             break;
         };
         let (share, there) = (next.share, next.merit);
-        (r, v, rigid) = next.point;
+        at = next.point;
         recent.push(there);
-        let end = monitor.look(&r, &v, &rigid, true)?;
+        let end = at.look(monitor, true)?;
         if there < best.0 {
-            best = (there, r.clone(), rigid.clone());
+            best = (there, Some(solved(&at)));
         }
         if end == NextStep::Refresh {
-            v = problem.relative_displacement(&r, &rigid);
-            recent = vec![near.merit(problem, &r, &v)];
+            at = EvaluatedPoint::new(problem, at.r, at.rigid);
+            recent = vec![near.merit(problem, &at)];
         }
         if share < tuning::creeping_share() {
             break; // creeping: sweeps do better
         }
     }
-    let (reached, r, rigid) = best;
-    Ok((reached < started).then_some(Solved { r, rigid }))
-}
-
-/// `x + share (y − x)`; exactly `y` for a full step.
-fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f64; D]> {
-    if share >= 1.0 {
-        return y.to_vec();
-    }
-    let blend =
-        |(x, y): (&[f64; D], &[f64; D])| std::array::from_fn(|k| x[k] + share * (y[k] - x[k]));
-    x.iter().zip(y).map(blend).collect()
+    Ok(best.1)
 }
 
 /// The largest [`step_cost`] of all statuses.
@@ -267,13 +243,12 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     )
 }
 
-/// The full step of a linearised law from `(r, v, a)` with `imbalance = R̂ᵀ r̂ + ê`, by the
+/// The full step of a linearised law from a point with `imbalance = R̂ᵀ r̂ + ê`, by the
 /// cheaper form. `None` if its matrix is singular.
 pub fn solve<const D: usize>(
     problem: &Reduced<D>,
     law: &Linearisation<D>,
-    (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
-    imbalance: &[f64],
+    (at, imbalance): (&EvaluatedPoint<D>, &[f64]),
     tol: &dyn Fn() -> f64,
     count: &mut dyn FnMut(f64),
     stop: &AtomicBool,
@@ -283,11 +258,12 @@ pub fn solve<const D: usize>(
             count(inversion_cost(problem));
         }
         let form = StiffnessForm::new(problem, law);
-        if let Some(solved) = form.solve((r, v, rigid), imbalance, count, stop)? {
+        if let Some(solved) = form.solve(at, imbalance, count, stop)? {
             return Ok(Some(solved));
         }
     }
-    ComplianceForm::new(problem, law).solve((r, rigid), imbalance, tol, count, stop)
+    let from = (at.r.as_slice(), at.rigid.as_slice());
+    ComplianceForm::new(problem, law).solve(from, imbalance, tol, count, stop)
 }
 
 /// The solution `(r, a)` with some contacts held in every direction and the others open. `None`
@@ -297,10 +273,12 @@ pub fn held_at<const D: usize>(
     holds: impl Fn(usize) -> bool,
     monitor: &mut Monitor<D>,
 ) -> Result<Option<Solved<D>>, Error> {
-    let cold = vec![[0.0; D]; problem.contacts()];
-    let none = vec![0.0; problem.rigid.modes.len()];
-    let v = &problem.q;
-    let law = Linearisation::held(problem, holds, &cold, v);
+    let cold = EvaluatedPoint {
+        r: vec![[0.0; D]; problem.contacts()],
+        v: problem.q.clone(),
+        rigid: vec![0.0; problem.rigid.modes.len()],
+    };
+    let law = Linearisation::held(problem, holds, &cold.r, &cold.v);
     let stop = monitor.stop();
     let mut count = |products| monitor.count(products);
     let (_, in_displacements) = step_cost(problem, &law);
@@ -309,19 +287,11 @@ pub fn held_at<const D: usize>(
         && problem.compliance.is_symmetric()
         && !problem.compliance.is_sparse()
         && let Some(solved) =
-            ComplianceForm::new(problem, &law).solve_definite(&cold, &mut count, stop)?
+            ComplianceForm::new(problem, &law).solve_definite(&cold.r, &mut count, stop)?
     {
         return Ok(Some(solved));
     }
-    let load = &problem.scaling.load;
-    let point = (cold.as_slice(), v.as_slice(), none.as_slice());
-    solve(
-        problem,
-        &law,
-        point,
-        load,
-        &tuning::most_forcing,
-        &mut count,
-        stop,
-    )
+    let from = (&cold, problem.scaling.load.as_slice());
+    let forcing = tuning::most_forcing;
+    solve(problem, &law, from, &forcing, &mut count, stop)
 }

@@ -5,31 +5,35 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::small::{amax, norm};
+use crate::linalg::small::{add_scaled, amax, norm, plus_scaled, rows_plus_scaled};
 use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
+use crate::solver::evaluated_point::EvaluatedPoint;
+use crate::solver::newton::compliance_form::Solved;
 use crate::solver::newton::linearisation::Linearisation;
 use crate::solver::newton::newton;
 use crate::solver::tuning;
 
-/// A point with all quantities that depend on it.
+/// A point, its `v` as accurate as possible, and its `R̂ᵀ r̂ + ê`.
 #[derive(Clone, Debug)]
 pub struct RefinedPoint<const D: usize> {
-    pub r: Vec<[f64; D]>,
-    pub rigid: Vec<f64>,
-    /// `W r + R a + q`, as accurate as possible.
-    pub v: Vec<[f64; D]>,
-    /// `R̂ᵀ r̂ + ê`.
+    pub at: EvaluatedPoint<D>,
     pub imbalance: Vec<f64>,
+}
+
+impl<const D: usize> RefinedPoint<D> {
+    pub fn new(problem: &Reduced<D>, at: EvaluatedPoint<D>) -> Self {
+        let imbalance = scaled_imbalance(problem, &at.r);
+        Self { at, imbalance }
+    }
 }
 
 /// A correction of a point.
 #[derive(Clone, Debug)]
 struct RefinementStep<const D: usize> {
-    r: Vec<[f64; D]>,
-    rigid: Vec<f64>,
-    /// `v` after the correction.
-    v: Vec<[f64; D]>,
+    /// The point after the correction.
+    to: EvaluatedPoint<D>,
     /// Its relative size: `‖dr‖ / ‖r‖` and `‖dv‖ / ‖v‖`.
     moved: (f64, f64),
 }
@@ -45,19 +49,17 @@ pub fn forward_error<const D: usize>(
     let Some(next) = correction(problem, point, before, stop)? else {
         return Ok(None);
     };
-    let change: Vec<[f64; D]> = next.v.iter().zip(&point.v).map(minus).collect();
+    let change = rows_plus_scaled(&next.to.v, -1.0, &point.at.v);
     let (of_r, of_v) = next.moved;
-    Ok(Some((
-        of_r,
-        without_cancellation(problem, point, &change, of_v),
-    )))
+    let of_v = without_cancellation(problem, &point.at, &change, of_v);
+    Ok(Some((of_r, of_v)))
 }
 
 /// The relative size of a change of `v`. Where the change is not smaller than `v`, loads and
 /// reactions cancel: it is then relative to what each of them would cause alone.
 fn without_cancellation<const D: usize>(
     problem: &Reduced<D>,
-    point: &RefinedPoint<D>,
+    point: &EvaluatedPoint<D>,
     change: &[[f64; D]],
     relative: f64,
 ) -> f64 {
@@ -82,45 +84,31 @@ pub fn forward_change<const D: usize>(
     let Some(here) = correction(problem, point, before, stop)? else {
         return Ok(None);
     };
-    let total: Vec<[f64; D]> = if before.is_empty() {
-        point.v.clone()
-    } else {
-        let sum = |(v, b): (&[f64; D], &[f64; D])| std::array::from_fn(|k| v[k] + b[k]);
-        point.v.iter().zip(before).map(sum).collect()
-    };
+    let total = rows_plus_scaled(&point.at.v, 1.0, before);
     let mut largest = (0.0_f64, 0.0_f64);
     for (of_v, of_e) in wanders {
         let mut moved = point.clone();
-        let values = moved.v.as_flattened_mut().iter_mut();
-        for (v, change) in values.zip(of_v.as_flattened()) {
-            *v += change;
-        }
-        for (imbalance, change) in moved.imbalance.iter_mut().zip(of_e) {
-            *imbalance += change;
-        }
+        add_scaled(moved.at.v.as_flattened_mut(), 1.0, of_v.as_flattened());
+        add_scaled(&mut moved.imbalance, 1.0, of_e);
         // Of the point itself: the change may close a contact before rigid motions follow it.
-        let mut law = Linearisation::new(problem, &point.r, &point.v);
+        let mut law = Linearisation::new(problem, &point.at.r, &point.at.v);
         law.move_by(problem, of_v);
         let Some(there) = solve(problem, &moved, &law, before, stop)? else {
             return Ok(None);
         };
         let part = |there: &[[f64; D]], here: &[[f64; D]], whole: &[[f64; D]]| {
-            let change: Vec<[f64; D]> = there.iter().zip(here).map(minus).collect();
+            let change = rows_plus_scaled(there, -1.0, here);
             (share(change.as_flattened(), whole.as_flattened()), change)
         };
-        let (of_r, _) = part(&there.r, &here.r, &point.r);
-        let (of_v, change) = part(&there.v, &here.v, &total);
-        let of_v = without_cancellation(problem, point, &change, of_v);
+        let (of_r, _) = part(&there.to.r, &here.to.r, &point.at.r);
+        let (of_v, change) = part(&there.to.v, &here.to.v, &total);
+        let of_v = without_cancellation(problem, &point.at, &change, of_v);
         if !(of_r.is_finite() && of_v.is_finite()) {
             return Ok(None);
         }
         largest = (largest.0.max(of_r), largest.1.max(of_v));
     }
     Ok(Some(largest))
-}
-
-fn minus<const D: usize>((a, b): (&[f64; D], &[f64; D])) -> [f64; D] {
-    std::array::from_fn(|k| a[k] - b[k])
 }
 
 /// Corrects a point while this improves it; `evaluate` makes a point from `(r, a)`.
@@ -137,7 +125,9 @@ pub fn refine<const D: usize>(
             break;
         };
         let moved = next.moved.0.max(next.moved.1);
-        let (mut r, mut rigid) = (next.r, next.rigid);
+        let EvaluatedPoint {
+            mut r, mut rigid, ..
+        } = next.to;
         if moved >= tuning::settled_correction() {
             // Statuses may still change.
             anderson.restart();
@@ -153,9 +143,9 @@ pub fn refine<const D: usize>(
             }
             // The problem is linear now. Rounding of W may exceed its energy of the softest
             // motions of the contacts.
-            let change = r.iter().zip(&point.r).flat_map(minus).collect();
+            let change = rows_plus_scaled(&r, -1.0, &point.at.r);
             let payload = [r.as_flattened(), &rigid].concat();
-            if let Some(there) = anderson.extrapolate(change, payload) {
+            if let Some(there) = anderson.extrapolate(change.into_flattened(), payload) {
                 let (forces, amounts) = there.split_at(D * r.len());
                 r = forces.as_chunks::<D>().0.to_vec();
                 rigid = amounts.to_vec();
@@ -172,7 +162,7 @@ fn correction<const D: usize>(
     before: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Option<RefinementStep<D>>, Error> {
-    let law = Linearisation::new(problem, &point.r, &point.v);
+    let law = Linearisation::new(problem, &point.at.r, &point.at.v);
     solve(problem, point, &law, before, stop)
 }
 
@@ -183,56 +173,25 @@ fn solve<const D: usize>(
     before: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Option<RefinementStep<D>>, Error> {
-    let here = (
-        point.r.as_slice(),
-        point.v.as_slice(),
-        point.rigid.as_slice(),
-    );
-    let imbalance = &point.imbalance;
-    let solved = newton::solve(
-        problem,
-        law,
-        here,
-        imbalance,
-        &tuning::correction_forcing,
-        &mut |_| (),
-        stop,
-    )?;
-    let Some(next) = solved else {
+    let here = (&point.at, point.imbalance.as_slice());
+    let forcing = tuning::correction_forcing;
+    let solved = newton::solve(problem, law, here, &forcing, &mut |_| (), stop)?;
+    let Some(Solved { r, rigid }) = solved else {
         return Ok(None);
     };
-    let change: Vec<[f64; D]> = next.r.iter().zip(&point.r).map(minus).collect();
+    let change = rows_plus_scaled(&r, -1.0, &point.at.r);
     let mut dv = vec![[0.0; D]; change.len()];
     problem.compliance.product(&change, &mut dv);
-    let da: Vec<f64> = next
-        .rigid
-        .iter()
-        .zip(&point.rigid)
-        .map(|(x, y)| x - y)
-        .collect();
-    problem.add_rigid(&da, &mut dv);
-    let mut v = point.v.clone();
-    for (value, x) in v.as_flattened_mut().iter_mut().zip(dv.as_flattened()) {
-        *value += x;
-    }
-    let mut corrected = v.clone();
-    let all = corrected.as_flattened_mut().iter_mut();
-    for (value, x) in all.zip(before.as_flattened()) {
-        *value += x;
-    }
+    problem.add_rigid(&plus_scaled(&rigid, -1.0, &point.at.rigid), &mut dv);
+    let v = rows_plus_scaled(&point.at.v, 1.0, &dv);
+    let corrected = rows_plus_scaled(&v, 1.0, before);
     let moved = (
-        share(change.as_flattened(), next.r.as_flattened()),
+        share(change.as_flattened(), r.as_flattened()),
         share(dv.as_flattened(), corrected.as_flattened()),
     );
-    if !(moved.0.is_finite() && moved.1.is_finite()) {
-        return Ok(None);
-    }
-    Ok(Some(RefinementStep {
-        r: next.r,
-        rigid: next.rigid,
-        v,
-        moved,
-    }))
+    let to = EvaluatedPoint { r, v, rigid };
+    let finite = moved.0.is_finite() && moved.1.is_finite();
+    Ok(finite.then_some(RefinementStep { to, moved }))
 }
 
 /// `‖part‖ / ‖whole‖`, zero if both are zero. Scaled first, so that squares do not overflow in

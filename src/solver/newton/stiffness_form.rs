@@ -13,6 +13,7 @@ use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::Vector;
 use crate::reduced::reduced::Reduced;
+use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::newton::compliance_form::{Solved, is_free};
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
 use crate::tasks;
@@ -59,15 +60,16 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         self.contact + self.problem.scaling.modes.len()
     }
 
-    /// The next `(r, a)` from `(r, v, a)` with `imbalance = R̂ᵀ r̂ + ê`; `None` if the matrix
+    /// The next `(r, a)` from a point with `imbalance = R̂ᵀ r̂ + ê`; `None` if the matrix
     /// is singular or `W` has no inverse.
     pub fn solve(
         &self,
-        (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
+        at: &EvaluatedPoint<D>,
         imbalance: &[f64],
         count: &mut dyn FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
+        let EvaluatedPoint { r, v, rigid } = at;
         let n = self.order();
         let problem = self.problem;
         if !problem.compliance.make_inverse(stop)? {
@@ -113,7 +115,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         let dr = self.response(&known);
         count(1.0);
         let amounts = &x[self.contact..];
-        let mut next: Vec<[f64; D]> = r.to_vec();
+        let mut next = r.clone();
         for (i, value) in next.iter_mut().enumerate() {
             let open = self.law.at[i].status == Status::Open;
             if is_free(problem, i, self.law.at[i].status) {
@@ -146,12 +148,8 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
     fn pushed_modes(&self) -> Vec<Vec<[f64; D]>> {
         let to_v = &self.problem.scaling.to_v;
         let pushed = |mode: Vec<[f64; D]>| {
-            let motion: Vec<[f64; D]> = mode
-                .iter()
-                .zip(to_v)
-                .map(|(m, s)| m.map(|c| c / s))
-                .collect();
-            self.response(&motion)
+            let motion = mode.iter().zip(to_v).map(|(m, s)| m.map(|c| c / s));
+            self.response(&motion.collect::<Vec<_>>())
         };
         let modes = self.problem.scaling.modes.columns();
         modes.into_iter().map(pushed).collect()
@@ -193,10 +191,8 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
             }
         });
         // R̂ᵀ dr̂ = R̂ᵀ Ŵ⁻¹ (dv̂ − R̂ dâ), because W is symmetric.
-        let works: Vec<_> = borders
-            .iter()
-            .map(|other| scaling.modes.work(other, &scaling.to_r))
-            .collect();
+        let work = |other: &Vec<[f64; D]>| scaling.modes.work(other, &scaling.to_r);
+        let works: Vec<_> = borders.iter().map(work).collect();
         let rows = border.chunks_exact_mut(n.max(1));
         for (k, (row, pushed)) in rows.zip(borders).enumerate() {
             for u in &self.unknowns {

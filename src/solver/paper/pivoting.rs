@@ -11,7 +11,9 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use crate::error::Error;
 use crate::law::alart_curnier::Linearised;
 use crate::law::cone::Status;
-use crate::linalg::small::{Block, Vector, amax, dot, minus_scaled, tangential_norm};
+use crate::linalg::small::{
+    Block, Vector, amax, dot, minus_scaled, rows_plus_scaled as plus, tangential_norm,
+};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
 use crate::solver::evaluated_point::EvaluatedPoint;
@@ -187,12 +189,7 @@ impl<const D: usize> Polygon<D> {
 
     /// The linear law of a cell, without `value`.
     fn rows(&self, cell: Cell, mu: f64) -> Linearised<D> {
-        let mut rows = Linearised {
-            status: Status::Slip,
-            value: Vector::zeros(),
-            by_r: Block::zeros(),
-            by_v: Block::zeros(),
-        };
+        let mut rows = Linearised::empty();
         rows.by_v[(0, 0)] = 1.0;
         match cell {
             Cell::Open => {
@@ -489,13 +486,10 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
             let Some(mut dr) = self.solve(&law, &nothing, monitor)? else {
                 return Ok(false);
             };
-            let mut dv = against;
             let mut effect = nothing.clone();
             self.problem.compliance.product(&dr, &mut effect);
             monitor.count(1.0);
-            for (x, y) in dv.as_flattened_mut().iter_mut().zip(effect.as_flattened()) {
-                *x += y;
-            }
+            let mut dv = plus(&against, 1.0, &effect);
             let mut dt = -1.0;
             if entered.is_some_and(|(i, from)| self.leaves(i, from, &dr[i], &dv[i])) {
                 dt = 1.0;
@@ -616,10 +610,4 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         }
         Ok(())
     }
-}
-
-/// `x + s y`.
-fn plus<const D: usize>(x: &[[f64; D]], s: f64, y: &[[f64; D]]) -> Vec<[f64; D]> {
-    let sum = |(x, y): (&[f64; D], &[f64; D])| std::array::from_fn(|k| x[k] + s * y[k]);
-    x.iter().zip(y).map(sum).collect()
 }

@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use crate::law::bipotential::{corrected, law_step};
 use crate::law::frozen::Frozen;
-use crate::linalg::small::{dot, minus_scaled, tangential_norm};
+use crate::linalg::small::{dot, minus_scaled, plus_scaled, rows_plus_scaled, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::evaluated_point::EvaluatedPoint;
@@ -44,10 +44,7 @@ impl<const D: usize> UzawaPoint<D> {
     /// `self + share (self − before)`; `v` follows, affine in `r`.
     fn beyond(&self, before: &Self, share: f64) -> Self {
         let blend = |x: &[[f64; D]], y: &[[f64; D]]| {
-            x.iter()
-                .zip(y)
-                .map(|(x, y)| std::array::from_fn(|k| x[k] + share * (x[k] - y[k])))
-                .collect()
+            rows_plus_scaled(x, share, &rows_plus_scaled(x, -1.0, y))
         };
         Self {
             r: blend(&self.r, &before.r),
@@ -66,7 +63,7 @@ pub fn run<const D: usize>(
     let mut map = Map::new(problem, variant, &[], start);
     let mut point = map.start(start);
     monitor.count(1.0);
-    let _ = monitor.look(&point.r, &point.v, &map.rigid(&point), false)?;
+    let _ = monitor.look(&point.r, &point.v, &map.motion(&point.r), false)?;
     loop {
         map.iterate(&mut point, monitor, usize::MAX)?;
     }
@@ -88,14 +85,11 @@ pub fn run_burst<const D: usize>(
     };
     let mut map = Map::new(problem, Variant::Momentum, frozen, &start);
     // The rigid motion of the point is the given one.
-    let s = scaled_imbalance(problem, &start.reaction);
-    for (a, s) in map.proximal.iter_mut().zip(s) {
-        *a -= s / tuning::projection_delta();
-    }
+    map.proximal = map.shifted(&start.reaction, -1.0);
     let mut point = map.start(&start);
     monitor.count(1.0);
     map.iterate(&mut point, monitor, count)?;
-    let rigid = map.rigid(&point);
+    let rigid = map.motion(&point.r);
     monitor.count(1.0);
     Ok(EvaluatedPoint::new(problem, point.r, rigid))
 }
@@ -143,18 +137,18 @@ impl<'p, const D: usize> Map<'p, D> {
 
     /// `a`, the rigid motions of given reactions in the proximal form.
     fn motion(&self, r: &[[f64; D]]) -> Vec<f64> {
-        let s = scaled_imbalance(self.problem, r);
-        let scaled: Vec<f64> = self
-            .proximal
-            .iter()
-            .zip(&s)
-            .map(|(a, s)| a + s / tuning::projection_delta())
-            .collect();
-        self.problem.scaling.rigid_from_scaled(&scaled)
+        self.problem
+            .scaling
+            .rigid_from_scaled(&self.shifted(r, 1.0))
     }
 
-    fn rigid(&self, point: &UzawaPoint<D>) -> Vec<f64> {
-        self.motion(&point.r)
+    /// `â + sign (R̂ᵀ r̂ + ê)/δ`.
+    fn shifted(&self, r: &[[f64; D]], sign: f64) -> Vec<f64> {
+        let s = scaled_imbalance(self.problem, r);
+        let pairs = self.proximal.iter().zip(&s);
+        pairs
+            .map(|(a, s)| a + sign * (s / tuning::projection_delta()))
+            .collect()
     }
 
     fn point(&self, r: Vec<[f64; D]>) -> UzawaPoint<D> {
@@ -190,23 +184,20 @@ impl<'p, const D: usize> Map<'p, D> {
                 self.advance(point, monitor)
             };
             before = std::mem::replace(point, next);
-            let next = monitor.look(&point.r, &point.v, &self.rigid(point), true)?;
+            let next = monitor.look(&point.r, &point.v, &self.motion(&point.r), true)?;
             if next == NextStep::Refresh {
                 *point = self.point(std::mem::take(&mut point.r));
                 theta = 1.0;
             }
             if iteration % tuning::projection_refresh() == 0 {
-                monitor.measure_floor(&point.r, &self.rigid(point));
+                monitor.measure_floor(&point.r, &self.motion(&point.r));
                 if self.variant == Variant::TwoProjections {
                     // Its v is a running sum, which accumulates rounding.
                     *point = self.point(std::mem::take(&mut point.r));
                 }
             }
             if !self.proximal.is_empty() && iteration % tuning::steps_a_phase() == 0 {
-                let s = scaled_imbalance(self.problem, &point.r);
-                for (a, s) in self.proximal.iter_mut().zip(s) {
-                    *a += s / tuning::projection_delta();
-                }
+                self.proximal = self.shifted(&point.r, 1.0);
                 *point = self.point(std::mem::take(&mut point.r));
             }
         }
@@ -291,15 +282,10 @@ impl<'p, const D: usize> Map<'p, D> {
         r: Vec<[f64; D]>,
         parts: Range<usize>,
     ) -> UzawaPoint<D> {
-        let dr: Vec<[f64; D]> = r
-            .iter()
-            .zip(&from.r)
-            .map(|(x, y)| minus_scaled(x, 1.0, y))
-            .collect();
+        let dr = rows_plus_scaled(&r, -1.0, &from.r);
         let mut v = from.v.clone();
         self.problem.compliance.add_columns(parts, &dr, &mut v);
-        let motions = self.motion(&r).into_iter().zip(self.motion(&from.r));
-        let change: Vec<f64> = motions.map(|(x, y)| x - y).collect();
+        let change = plus_scaled(&self.motion(&r), -1.0, &self.motion(&from.r));
         self.problem.add_rigid(&change, &mut v);
         UzawaPoint { r, v }
     }

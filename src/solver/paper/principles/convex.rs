@@ -31,7 +31,7 @@ pub fn minimise<const D: usize>(
     let mut enough = enough.max(rounding(problem, from, monitor));
     let mut steps = tuning::principle_burst();
     for round in 0..tuning::principle_rounds() {
-        if near.merit(problem, &point.r, &point.v) <= enough {
+        if near.merit(problem, &point) <= enough {
             break;
         }
         let (next, solved) = newton::approach(problem, &near, &point, enough, monitor)?;
@@ -42,7 +42,7 @@ pub fn minimise<const D: usize>(
         if round == 0 {
             monitor.measure_floor(&point.r, &point.rigid);
             enough = enough.max(rounding(problem, &point, monitor));
-            if near.merit(problem, &point.r, &point.v) <= enough {
+            if near.merit(problem, &point) <= enough {
                 break;
             }
         }
