@@ -49,10 +49,10 @@ pub fn index<const D: usize>(
         let Some(margin) = margin(problem, nodes.clone(), &r, &v) else {
             return Ok(None);
         };
-        let Some(next) = newton_step(problem, nodes.clone(), &r, &v, stop)? else {
+        let Some((next, sign)) = newton_step(problem, nodes.clone(), &r, &v, stop)? else {
             return Ok(None);
         };
-        let next_v = problem.relative_displacement(&next.r, &[]);
+        let next_v = problem.relative_displacement(&next, &[]);
         let apart = |x: &[[f64; D]], y: &[[f64; D]], scale: &[f64]| {
             let of_node = |i: usize| {
                 let of_component = move |k: usize| (x[i][k] - y[i][k]).abs() * scale[i];
@@ -60,11 +60,11 @@ pub fn index<const D: usize>(
             };
             nodes.clone().map(of_node).fold(0.0, f64::max)
         };
-        let change = apart(&next.r, &r, &scaling.to_r).max(apart(&next_v, &v, &scaling.to_v));
+        let change = apart(&next, &r, &scaling.to_r).max(apart(&next_v, &v, &scaling.to_v));
         if change <= 0.1 * margin {
-            return Ok(Some(next.sign));
+            return Ok(Some(sign));
         }
-        (r, v) = (next.r, next_v);
+        (r, v) = (next, next_v);
     }
     Ok(None)
 }
@@ -90,21 +90,15 @@ fn margin<const D: usize>(
     nodes.clone().all(clear).then_some(margin)
 }
 
-/// The next point of Newton's method for (19).
-struct Corrected<const D: usize> {
-    r: Vec<[f64; D]>,
-    /// Sign of the determinant of its system.
-    sign: f64,
-}
-
-/// `None` if the system is nearly singular.
+/// The next point of Newton's method for (19), and the sign of the determinant of its system; `None`
+/// if it is nearly singular.
 fn newton_step<const D: usize>(
     problem: &Reduced<D>,
     nodes: Range<usize>,
     r: &[[f64; D]],
     v: &[[f64; D]],
     stop: &AtomicBool,
-) -> Result<Option<Corrected<D>>, Error> {
+) -> Result<Option<(Vec<[f64; D]>, f64)>, Error> {
     let of_contact = |i: usize| {
         let (r, v) = problem.scaling.scale(i, &r[i], &v[i]);
         (i, linearised(&r, &v, problem.law[i].mu))
@@ -127,8 +121,5 @@ fn newton_step<const D: usize>(
     }
     let mut x = form.right(r, &[], &mut |_| ());
     lu.solve(&mut x);
-    Ok(Some(Corrected {
-        r: form.moved(r, &[], &x).r,
-        sign: lu.sign(),
-    }))
+    Ok(Some((form.moved(r, &[], &x).r, lu.sign())))
 }

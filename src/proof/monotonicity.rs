@@ -22,7 +22,7 @@ use crate::law::contact_law::ContactLaw;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{amax, dot_long, norm};
+use crate::linalg::small::{add_scaled, amax, dot_long, norm, plus_scaled};
 use crate::linalg::verified_cholesky::{self, Lower, gamma};
 use crate::proof::tuning;
 use crate::reduced::reduced::Reduced;
@@ -229,24 +229,16 @@ impl<const D: usize> Monotonicity<D> {
         #[expect(clippy::float_cmp, reason = "symmetric to the bit is what is asked")]
         let symmetric =
             (0..order).all(|j| (0..j).all(|i| matrix[j * order + i] == matrix[i * order + j]));
+        let laws = problem.law[nodes.clone()].iter();
+        let scaled = |i: usize| times_two_to(problem.scaling.to_v[i], -units.to_v[i]).powi(2);
+        let first = nodes.start;
+        let plain = |i: usize| times_two_to(1.0, 2 * (units.to_v[first] - units.to_v[i]));
         Ok(Self {
-            mu: problem.law[nodes.clone()]
-                .iter()
-                .map(ContactLaw::correction)
-                .collect(),
-            rough: problem.law[nodes.clone()]
-                .iter()
-                .map(ContactLaw::has_friction)
-                .collect(),
+            mu: laws.clone().map(ContactLaw::correction).collect(),
+            rough: laws.map(ContactLaw::has_friction).collect(),
             shapes: [
-                nodes
-                    .clone()
-                    .map(|i| times_two_to(problem.scaling.to_v[i], -units.to_v[i]).powi(2))
-                    .collect(),
-                nodes
-                    .clone()
-                    .map(|i| times_two_to(1.0, 2 * (units.to_v[nodes.start] - units.to_v[i])))
-                    .collect(),
+                nodes.clone().map(scaled).collect(),
+                nodes.clone().map(plain).collect(),
             ],
             nodes,
             components,
@@ -259,6 +251,11 @@ impl<const D: usize> Monotonicity<D> {
 
     pub fn order(&self) -> usize {
         self.components.len()
+    }
+
+    /// What is known of each contact without a point.
+    pub fn nothing_known(&self) -> Vec<KnownSlip<D>> {
+        vec![KnownSlip::Nothing; self.mu.len()]
     }
 
     /// All unknowns.
@@ -411,8 +408,7 @@ pub fn least_ratio(
     });
     for above in tuning::MARGINS {
         let alpha = 1.0 / (above * largest);
-        let pairs = form.iter().zip(half);
-        let rest: Vec<f64> = pairs.map(|(a, w)| a - alpha * w).collect();
+        let rest = plus_scaled(form, -alpha, half);
         // L Lᵀ is even lower than A.
         let sizes = norm(form) + alpha * norm(half);
         let room = error + alpha * of_half + lower.lowered() + 4.0 * f64::EPSILON * sizes;
@@ -465,9 +461,7 @@ pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
         for _ in 0..2 {
             for earlier in &basis {
                 let part = dot_long(earlier, &y);
-                for (y, b) in y.iter_mut().zip(earlier) {
-                    *y -= part * b;
-                }
+                add_scaled(&mut y, -part, earlier);
             }
         }
         length = norm(&y);

@@ -7,10 +7,10 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
-use crate::linalg::small::amax;
+use crate::linalg::small::{amax, rows_plus_scaled};
 use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
-use crate::proof::monotonicity::{KnownSlip, Monotonicity, Units, Weights};
+use crate::proof::monotonicity::{Monotonicity, Units, Weights};
 use crate::proof::tuning;
 use crate::proof::weights;
 use crate::reduced::reduced::Reduced;
@@ -25,6 +25,14 @@ pub enum Unique {
 }
 
 impl Unique {
+    fn others_exist(proved: bool) -> Self {
+        if proved {
+            Self::OthersExist
+        } else {
+            Self::Unknown
+        }
+    }
+
     pub fn name(self) -> &'static str {
         match self {
             Self::Proved => "proved",
@@ -53,11 +61,7 @@ pub fn assess<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Unique, Error> {
     if !problem.rigid.modes.is_empty() || problem.contradiction.is_some() {
-        return Ok(if has_self_stress(problem, r) {
-            Unique::OthersExist
-        } else {
-            Unique::Unknown
-        });
+        return Ok(Unique::others_exist(has_self_stress(problem, r)));
     }
     // This product needs the whole W: omit it if no island can be decided.
     let v = LazyCell::new(|| problem.relative_displacement(r, &[]));
@@ -110,11 +114,7 @@ fn apart(problem: &Reduced<2>, answers: &[(Vec<[f64; 2]>, Vec<f64>)]) -> bool {
     let scaling = &problem.scaling;
     let first = &answers[0].0;
     answers[1..].iter().any(|(r, _)| {
-        let change: Vec<[f64; 2]> = r
-            .iter()
-            .zip(first)
-            .map(|(x, y)| [x[0] - y[0], x[1] - y[1]])
-            .collect();
+        let change = rows_plus_scaled(r, -1.0, first);
         let size = scaling.reaction_norm(r).max(scaling.reaction_norm(first));
         scaling.reaction_norm(&change) > APART * size
     })
@@ -129,9 +129,11 @@ fn has_self_stress<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool
     let unknowns = |law: &ContactLaw| if law.has_friction() { D } else { 1 };
     problem.moves_rigidly()
         && problem.contradiction.is_none()
-        && r.iter()
-            .zip(&problem.law)
-            .all(|(r, law)| law.depth(r) > room)
+        && problem
+            .law
+            .iter()
+            .zip(r)
+            .all(|(law, r)| law.depth(r) > room)
         && problem.law.iter().map(unknowns).sum::<usize>() > problem.rigid.modes.len()
 }
 
@@ -154,7 +156,7 @@ fn assess_island<const D: usize>(
     if monotonicity.mu.iter().all(|&mu| mu == 0.0) {
         return Ok(Unique::Proved);
     }
-    let known = vec![KnownSlip::Nothing; monotonicity.mu.len()];
+    let known = monotonicity.nothing_known();
     let monotone = |weights: &Weights| {
         let (form, error) = monotonicity.form(&kept, weights, &known);
         verified_cholesky::is_definite(form, n, error, stop)
@@ -177,9 +179,5 @@ fn assess_island<const D: usize>(
     }
     drop(monotonicity);
     let index = index(problem, nodes, r, v, stop)?;
-    Ok(if index == Some(-1.0) {
-        Unique::OthersExist
-    } else {
-        Unique::Unknown
-    })
+    Ok(Unique::others_exist(index == Some(-1.0)))
 }

@@ -21,7 +21,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::dense::{self, Op};
-use crate::linalg::small::dot_long;
+use crate::linalg::small::{add_scaled, dot_long};
 use crate::linalg::verified_cholesky::Lower;
 use crate::proof::monotonicity::{KnownSlip, Monotonicity, Weights, largest, product};
 use crate::proof::tuning;
@@ -202,7 +202,7 @@ impl<'a, const D: usize> WeightSearch<'a, D> {
         let (half, _) = monotonicity.symmetric_part(&kept);
         Self {
             monotonicity,
-            known: vec![KnownSlip::Nothing; monotonicity.mu.len()],
+            known: monotonicity.nothing_known(),
             kept,
             half,
         }
@@ -216,9 +216,7 @@ impl<'a, const D: usize> WeightSearch<'a, D> {
     ) -> Result<Option<Centre>, Error> {
         let n = self.kept.len();
         let (mut a, _) = self.monotonicity.form(&self.kept, weights, &self.known);
-        for (a, w) in a.iter_mut().zip(&self.half) {
-            *a -= sigma * w;
-        }
+        add_scaled(&mut a, -sigma, &self.half);
         if !a.iter().all(|x| x.is_finite()) || dense::cholesky(&mut a, n, stop)?.is_some() {
             return Ok(None);
         }
@@ -241,56 +239,43 @@ impl<'a, const D: usize> WeightSearch<'a, D> {
         dense::solve_lower(&here.factor, n, &mut inverse, n);
         let mut moved = vec![0.0; n * n];
         let shape = (n, n, n);
+        let (half, plain) = (&self.half, Op::Plain);
         // The symmetric part of an asymmetric W: weights need not be optimal.
-        dense::matmul(
-            &mut moved,
-            shape,
-            1.0,
-            &inverse,
-            Op::Plain,
-            &self.half,
-            Op::Plain,
-            0.0,
-        );
-        let column = |a: &'_ [f64], j: usize| -> Vec<f64> { a[j * n..(j + 1) * n].to_vec() };
+        dense::matmul(&mut moved, shape, 1.0, &inverse, plain, half, plain, 0.0);
         let contacts = self.monotonicity.mu.len();
         let (mut normal, mut theta) = (vec![0.0; contacts], vec![0.0; contacts]);
         let mut against = vec![0.0; contacts];
-        for j in 0..n {
+        let columns = inverse
+            .chunks_exact(n.max(1))
+            .zip(moved.chunks_exact(n.max(1)));
+        for (j, (x, w)) in columns.enumerate() {
             let (contact, k) = self.monotonicity.contact(j);
-            let w = column(&moved, j);
             if k == 0 {
-                let x = column(&inverse, j);
-                theta[contact] += dot_long(&x, &x);
-                normal[contact] = weights.normal[contact] * dot_long(&x, &w);
+                theta[contact] += dot_long(x, x);
+                normal[contact] = weights.normal[contact] * dot_long(x, w);
             } else {
-                against[contact] += dot_long(&w, &w);
+                against[contact] += dot_long(w, w);
             }
         }
+        // The logarithm of a positive number, in bounds.
+        let step = |is_usable: bool, logarithm: f64, most: f64| {
+            let step = logarithm.clamp(-most, most);
+            if is_usable && step.is_finite() {
+                step
+            } else {
+                0.0
+            }
+        };
+        let longest = tuning::longest_logarithm();
         for contact in 0..contacts {
             let ratio = theta[contact] / against[contact];
-            theta[contact] = if self.monotonicity.mu[contact] > 0.0 && ratio > 0.0 {
-                (0.5 * ratio.ln() - weights.theta[contact].ln()).clamp(
-                    -2.0 * tuning::longest_logarithm(),
-                    2.0 * tuning::longest_logarithm(),
-                )
-            } else {
-                0.0
-            };
+            let usable = self.monotonicity.mu[contact] > 0.0 && ratio > 0.0;
+            let logarithm = 0.5 * ratio.ln() - weights.theta[contact].ln();
+            theta[contact] = step(usable, logarithm, 2.0 * longest);
             let slope = normal[contact];
-            normal[contact] = if slope > 0.0 {
-                slope
-                    .ln()
-                    .clamp(-tuning::longest_logarithm(), tuning::longest_logarithm())
-            } else {
-                0.0
-            };
+            normal[contact] = step(slope > 0.0, slope.ln(), longest);
         }
-        let finite = |values: Vec<f64>| -> Vec<f64> {
-            let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
-            values.into_iter().map(finite).collect()
-        };
-        (finite(normal), finite(theta))
+        (normal, theta)
     }
 
     /// An estimate of the least eigenvalue of `A − σ W` relative to `W`.

@@ -16,6 +16,7 @@ use crate::linalg::sparse::sparse_lu::Analysis;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::island::PARALLEL_ROWS;
 pub use crate::reduced::island::{Island, Part};
+use crate::reduced::memory;
 use crate::reduced::rotation::Rotation;
 use crate::reduced::tuning;
 use crate::tasks;
@@ -47,6 +48,14 @@ pub struct Compliance<'a, const D: usize> {
 pub struct Whole<const D: usize> {
     pub blocks: Blocks<D>,
     pub analysis: Analysis,
+}
+
+impl<const D: usize> Whole<D> {
+    /// Whether there is memory for the factors of an LU: both triangles; the count has one.
+    pub fn has_memory(&self) -> bool {
+        let bytes = 2 * self.analysis.counts().bytes_peak as u128;
+        memory::check("the factors of W", bytes).is_ok()
+    }
 }
 
 impl<'a, const D: usize> Compliance<'a, D> {

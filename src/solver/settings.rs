@@ -113,27 +113,22 @@ impl Default for Settings {
 
 impl Settings {
     pub fn validate(&self) -> Result<(), Error> {
+        let wrong = |what, found, expected| {
+            Err(Error::Setting {
+                what,
+                found,
+                expected,
+            })
+        };
         // Written such that a NaN fails.
         if !(self.tol > 0.0 && self.tol < 1.0) {
-            return Err(Error::Setting {
-                what: "tol",
-                found: self.tol,
-                expected: "a positive number below 1",
-            });
+            return wrong("tol", self.tol, "a positive number below 1");
         }
         if self.max_iterations == 0 {
-            return Err(Error::Setting {
-                what: "max_iterations",
-                found: 0.0,
-                expected: "a positive whole number",
-            });
+            return wrong("max_iterations", 0.0, "a positive whole number");
         }
         if !(self.max_seconds > 0.0) {
-            return Err(Error::Setting {
-                what: "max_seconds",
-                found: self.max_seconds,
-                expected: "a positive number",
-            });
+            return wrong("max_seconds", self.max_seconds, "a positive number");
         }
         Ok(())
     }

@@ -108,23 +108,23 @@ impl<const D: usize> BoundedIsland<D> {
             rows,
             monotonicity,
         };
-        let known = vec![KnownSlip::Nothing; island.monotonicity.mu.len()];
-        let tried: Vec<Weights> = island.tried().cloned().collect();
-        for weights in tried {
-            island.global =
-                island.factor(Ties::none(all.clone()), &weights, known.clone(), stop)?;
-            if let Some(factor) = &mut island.global {
+        let known = island.monotonicity.nothing_known();
+        let mut global = None;
+        for weights in island.tried() {
+            let ties = Ties::none(all.clone());
+            global = island.factor(ties, weights, known.clone(), stop)?;
+            if let Some(factor) = &mut global {
                 factor.widths = widths(&island.rows, &island.monotonicity, factor);
                 break;
             }
         }
+        island.global = global;
         Ok(Some(island))
     }
 
     /// The weights to try, the best first.
-    pub(super) fn tried(&self) -> impl Iterator<Item = &Weights> + use<'_, D> {
-        let refined = self.refined.iter();
-        refined.chain(std::iter::once(&self.common.weights))
+    fn tried(&self) -> impl Iterator<Item = &Weights> + use<'_, D> {
+        self.refined.iter().chain([&self.common.weights])
     }
 
     /// A contact with a reaction that the law excludes.
@@ -246,13 +246,7 @@ impl<const D: usize> BoundedIsland<D> {
 
     /// `√(rᵀ W r)`, rounded down.
     pub(super) fn least_size(&self, r: &[[f64; D]]) -> f64 {
-        let x: Vec<f64> = self
-            .monotonicity
-            .components
-            .iter()
-            .map(|&(i, k)| r[i][k])
-            .collect();
-        let (energy, lost, e) = self.energy(&x);
+        let (energy, lost, e) = self.energy(&self.gather(|i, k| r[i][k]));
         times_two_to((energy - lost).max(0.0).sqrt() * (1.0 - gamma(0)), e)
     }
 
@@ -275,23 +269,19 @@ impl<const D: usize> BoundedIsland<D> {
         self.monotonicity.entry_rounding * norm(&self.rows)
     }
 
+    /// A value of each unknown, from its position and component.
+    fn gather(&self, of: impl Fn(usize, usize) -> f64) -> Vec<f64> {
+        let components = self.monotonicity.components.iter();
+        components.map(|&(i, k)| of(i, k)).collect()
+    }
+
     /// `‖r − r̂‖` in the norm of `W`, rounded up.
-    pub(super) fn off(&self, candidate: &Candidate<D>) -> f64 {
-        let components = &self.monotonicity.components;
-        let off: Vec<f64> = components
-            .iter()
-            .map(|&(i, k)| candidate.off[i][k])
-            .collect();
-        let moved: Vec<f64> = components
-            .iter()
-            .map(|&(i, _)| candidate.faces[i].moved)
-            .collect();
+    fn off(&self, candidate: &Candidate<D>) -> f64 {
+        let off = self.gather(|i, k| candidate.off[i][k]);
+        let moved = self.gather(|i, _| candidate.faces[i].moved);
         // The difference is rounded, and the point of the cone differs from its numbers.
         let blur = (norm(&self.half) * (1.0 + gamma(off.len())) + self.entry_errors()).sqrt();
-        let of_r: Vec<f64> = components
-            .iter()
-            .map(|&(i, k)| candidate.blur[i][k])
-            .collect();
+        let of_r = self.gather(|i, k| candidate.blur[i][k]);
         let blurred = norm(&moved) + f64::EPSILON * norm(&off) + norm(&of_r);
         self.norm(&off) + (1.0 + gamma(off.len())) * blur * blurred
     }
@@ -374,7 +364,7 @@ impl<const D: usize> BoundedIsland<D> {
         }
         for candidate in candidates {
             for weights in self.tried() {
-                let nothing = vec![KnownSlip::Nothing; self.monotonicity.mu.len()];
+                let nothing = self.monotonicity.nothing_known();
                 let all = Ties::none(self.monotonicity.all());
                 let (e, error) = self.misfit(&all, &weights.normal, &nothing, candidate);
                 let length = 2.0 * self.of_w.ellipsoid(&e, &error).radius;
@@ -429,7 +419,7 @@ impl<const D: usize> BoundedIsland<D> {
         let entry = |i: usize, j: usize| self.half[j * n + i];
         // What a part of W by errors that is not symmetric adds to w, for each unit of radius.
         let skew = self.entry_errors() * norm(&self.widths_of_w) * room;
-        let mut known = vec![KnownSlip::Nothing; self.monotonicity.mu.len()];
+        let mut known = self.monotonicity.nothing_known();
         let mut ties = Ties::default();
         for (contact, position) in self.monotonicity.nodes.clone().enumerate() {
             let at = |k: usize| self.monotonicity.unknown(position, k);
@@ -443,10 +433,8 @@ impl<const D: usize> BoundedIsland<D> {
             let mu = self.monotonicity.mu[contact];
             let tangents: Vec<usize> = (1..D).filter_map(at).collect();
             if face.place == Place::Inside && mu > 0.0 {
-                let mut lengths = [0.0; D];
-                for (k, length) in lengths.iter_mut().enumerate() {
-                    *length = at(k).map_or(0.0, |i| self.widths_of_w[i] * radius * room);
-                }
+                let length = |i: usize| self.widths_of_w[i] * radius * room;
+                let lengths: [f64; D] = std::array::from_fn(|k| at(k).map_or(0.0, length));
                 let least = mu * (face.reaction[0] - lengths[0]) / room;
                 let most = room * (tangential_norm(&face.reaction) + tangential_norm(&lengths));
                 if least > most {

@@ -23,7 +23,7 @@ use crate::law::cone::project;
 use crate::law::contact_law::ContactLaw;
 use crate::law::face::Face;
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{amax, dot};
+use crate::linalg::small::{amax, dot, rows_plus_scaled};
 use crate::linalg::verified_cholesky::gamma;
 use crate::proof::error_bound::island::{BoundedIsland, Candidate};
 use crate::proof::monotonicity::{Monotonicity, Touching, Units};
@@ -37,37 +37,22 @@ pub enum Reason {
     /// Only contact holds a body: `A` has no information on its rigid motions.
     HeldByContact,
     /// A contact penetrates that nothing can move.
-    NoAnswer {
-        contact: usize,
-    },
+    NoAnswer(usize),
     /// Nothing moves a contact that just touches.
-    Touching {
-        contact: usize,
-    },
+    Touching(usize),
     /// A tangent with friction that nothing moves.
-    Led {
-        contact: usize,
-    },
-    TooLarge {
-        unknowns: usize,
-    },
+    Led(usize),
+    /// Its unknowns.
+    TooLarge(usize),
     /// The symmetric part of `W` is not positive definite beyond rounding.
-    NotDefinite {
-        contact: usize,
-    },
+    NotDefinite(usize),
     /// Friction is too large for `A`, and no ball was found.
-    Friction {
-        contact: usize,
-    },
+    Friction(usize),
     /// A reaction that the law excludes: on a tangent without friction, or at a contact that
     /// stays open.
-    Impossible {
-        contact: usize,
-    },
+    Impossible(usize),
     /// A law with dilatancy.
-    Dilatancy {
-        contact: usize,
-    },
+    Dilatancy(usize),
     /// Numbers beyond the range of doubles.
     Range,
 }
@@ -77,14 +62,14 @@ impl Reason {
     pub fn told(self) -> (&'static str, usize) {
         match self {
             Self::HeldByContact => ("held by contact", 0),
-            Self::NoAnswer { contact } => ("no answer", contact),
-            Self::Touching { contact } => ("touching", contact),
-            Self::Led { contact } => ("led", contact),
-            Self::TooLarge { unknowns } => ("too large", unknowns),
-            Self::NotDefinite { contact } => ("not definite", contact),
-            Self::Friction { contact } => ("friction", contact),
-            Self::Impossible { contact } => ("impossible", contact),
-            Self::Dilatancy { contact } => ("dilatancy", contact),
+            Self::NoAnswer(contact) => ("no answer", contact),
+            Self::Touching(contact) => ("touching", contact),
+            Self::Led(contact) => ("led", contact),
+            Self::TooLarge(unknowns) => ("too large", unknowns),
+            Self::NotDefinite(contact) => ("not definite", contact),
+            Self::Friction(contact) => ("friction", contact),
+            Self::Impossible(contact) => ("impossible", contact),
+            Self::Dilatancy(contact) => ("dilatancy", contact),
             Self::Range => ("range", 0),
         }
     }
@@ -211,10 +196,10 @@ impl<const D: usize> Prepared<D> {
         let caller = problem.compliance.order();
         let laws = problem.law.iter().zip(caller);
         if let Some((_, &contact)) = laws.into_iter().find(|(law, _)| law.dilatancy > 0.0) {
-            return Ok(Err(Reason::Dilatancy { contact }));
+            return Ok(Err(Reason::Dilatancy(contact)));
         }
         if let Some((contact, _)) = problem.contradiction {
-            return Ok(Err(Reason::NoAnswer { contact }));
+            return Ok(Err(Reason::NoAnswer(contact)));
         }
         if !problem.rigid.modes.is_empty() {
             return Ok(Err(Reason::HeldByContact));
@@ -223,23 +208,19 @@ impl<const D: usize> Prepared<D> {
         for island in problem.compliance.islands() {
             let unknowns = D * island.nodes.len();
             if unknowns > tuning::bounded_unknowns() {
-                return Ok(Err(Reason::TooLarge { unknowns }));
+                return Ok(Err(Reason::TooLarge(unknowns)));
             }
             let first = caller[island.nodes.start];
             let monotonicity = match Monotonicity::new(problem, units, island.nodes.clone()) {
                 Ok(monotonicity) => monotonicity,
-                Err(Touching(position)) => {
-                    let contact = caller[position];
-                    return Ok(Err(Reason::Touching { contact }));
-                }
+                Err(Touching(position)) => return Ok(Err(Reason::Touching(caller[position]))),
             };
             if let Some(position) = monotonicity.led_tangent() {
-                let contact = caller[position];
-                return Ok(Err(Reason::Led { contact }));
+                return Ok(Err(Reason::Led(caller[position])));
             }
             match BoundedIsland::new(problem, units, monotonicity, stop)? {
                 Some(island) => islands.push(island),
-                None => return Ok(Err(Reason::NotDefinite { contact: first })),
+                None => return Ok(Err(Reason::NotDefinite(first))),
             }
         }
         Ok(Ok(islands))
@@ -270,8 +251,7 @@ impl<const D: usize> Prepared<D> {
         }
         for island in islands {
             if let Some(position) = island.impossible(&r) {
-                let contact = caller[position];
-                return Ok(bound.none(Reason::Impossible { contact }));
+                return Ok(bound.none(Reason::Impossible(caller[position])));
             }
         }
         let (here, here_error) = self.displacement(problem, &r, &[]);
@@ -280,19 +260,14 @@ impl<const D: usize> Prepared<D> {
             Some((v, error)) => (scaled(v, &self.units.to_v), scaled(error, &self.units.to_v)),
         };
         let laws = self.laws(problem);
-        let onto_cone: Vec<_> = r
-            .iter()
-            .zip(&laws)
-            .map(|(r, law)| project(r, *law).0)
-            .collect();
-        let by_law: Vec<_> = r
-            .iter()
-            .zip(&here)
-            .zip(&laws)
-            .map(|((r, v), law)| law_step(r, v, 1.0, *law).0)
-            .collect();
-        let candidates =
-            [by_law, onto_cone].map(|point| self.candidate(problem, islands, &r, point));
+        let onto_cone = |i: usize| project(&r[i], laws[i]).0;
+        let by_law = |i: usize| law_step(&r[i], &here[i], 1.0, laws[i]).0;
+        let all = 0..r.len();
+        let points: [Vec<_>; 2] = [
+            all.clone().map(by_law).collect(),
+            all.map(onto_cone).collect(),
+        ];
+        let candidates = points.map(|point| self.candidate(problem, islands, &r, point));
         let room = 1.0 + gamma(islands.len());
         let mut energy = 0.0_f64;
         // Other solutions differ from r on at least one island, this one on all. If a ball is
@@ -310,8 +285,7 @@ impl<const D: usize> Prepared<D> {
                     found = island.local_bound(&candidates, &given, least, stop)?;
                 }
                 let Some(found) = found else {
-                    let contact = caller[nodes.start];
-                    return Ok(bound.none(Reason::Friction { contact }));
+                    return Ok(bound.none(Reason::Friction(caller[nodes.start])));
                 };
                 energy = energy.hypot(found.energy);
                 bound.alone_within = bound.alone_within.min(found.alone_within);
@@ -326,7 +300,7 @@ impl<const D: usize> Prepared<D> {
         if !(energy <= bound.alone_within) {
             let contact = islands.iter().find(|island| island.global.is_none());
             let contact = contact.map_or(0, |island| caller[island.monotonicity.nodes.start]);
-            return Ok(bound.none(Reason::Friction { contact }));
+            return Ok(bound.none(Reason::Friction(contact)));
         }
         let (mut by_gap, mut size) = (Some(0.0_f64), 0.0_f64);
         for island in islands {
@@ -414,25 +388,16 @@ impl<const D: usize> Prepared<D> {
         let free = scaled(&problem.q, &self.units.to_v);
         let gamma = gamma(D * r.len());
         // Error of a sum in twice the precision [ORO05, proposition 5.5].
-        let mut error: Vec<[f64; D]> = v
-            .iter()
-            .zip(terms.iter().zip(&free))
-            .map(|(v, (w, q))| {
-                std::array::from_fn(|k| {
-                    f64::EPSILON * v[k].abs()
-                        + (2.0 * gamma * gamma + (1.0 + gamma) * problem.entry_rounding)
-                            * (w[k] + q[k].abs())
-                })
-            })
-            .collect();
+        let of_term = 2.0 * gamma * gamma + (1.0 + gamma) * problem.entry_rounding;
+        let error_at = |(i, v): (usize, &[f64; D])| {
+            let terms = |k: usize| terms[i][k] + free[i][k].abs();
+            std::array::from_fn(|k| f64::EPSILON * v[k].abs() + of_term * terms(k))
+        };
+        let mut error: Vec<[f64; D]> = v.iter().enumerate().map(error_at).collect();
         if moved.iter().any(|&m| m > 0.0) {
             let mut by: Vec<[f64; D]> = moved.iter().map(|&m| [m; D]).collect();
             unscale(&mut by, &self.units.to_r);
-            for (error, more) in error.iter_mut().zip(sizes(&by)) {
-                for (e, more) in error.iter_mut().zip(more) {
-                    *e += (1.0 + gamma + problem.entry_rounding) * more;
-                }
-            }
+            error = rows_plus_scaled(&error, 1.0 + gamma + problem.entry_rounding, &sizes(&by));
         }
         (v, error)
     }
@@ -465,14 +430,10 @@ impl<const D: usize> Prepared<D> {
         let reaction: Vec<_> = faces.iter().map(|face| face.reaction).collect();
         let moved: Vec<_> = faces.iter().map(|face| face.moved).collect();
         let (v, dv) = self.displacement(problem, &reaction, &moved);
-        let off = r.iter().zip(&reaction);
-        let off = off.map(|(r, x)| std::array::from_fn(|k| r[k] - x[k]));
+        let blur = |r: &[f64; D]| r.map(|c| problem.entry_rounding * c.abs());
         Candidate {
-            off: off.collect(),
-            blur: r
-                .iter()
-                .map(|r| r.map(|c| problem.entry_rounding * c.abs()))
-                .collect(),
+            off: rows_plus_scaled(r, -1.0, &reaction),
+            blur: r.iter().map(blur).collect(),
             faces,
             v,
             dv,
@@ -513,8 +474,7 @@ fn within_range<const D: usize>(rows: &[[f64; D]]) -> bool {
     /// The smallest normal number over ε², with a margin for sums.
     const LEAST: f64 = 1e-270;
     const MOST: f64 = 1e270;
-    let sizes = rows.iter().flatten().map(|x| x.abs());
-    let largest = sizes.fold(0.0, f64::max);
+    let largest = amax(rows.as_flattened());
     largest == 0.0 || (LEAST..=MOST).contains(&largest)
 }
 

@@ -1,5 +1,7 @@
 //! The matrix of a point of a path, factored, and the steps that it gives.
 
+use std::ops::{Add, Mul};
+
 use crate::error::Error;
 use crate::law::second_order::{NesterovTodd, quotient};
 use crate::linalg::lu::Lu;
@@ -13,7 +15,7 @@ use crate::solver::newton::compliance_form::sparse_cost;
 use crate::solver::newton::linearisation::factorisation_cost;
 use crate::solver::tuning;
 
-/// A step.
+/// A point, or a step.
 pub(super) struct InteriorStep<const D: usize> {
     pub(super) z: Vec<Vector<D>>,
     pub(super) s: Vec<Vector<D>>,
@@ -22,21 +24,22 @@ pub(super) struct InteriorStep<const D: usize> {
 
 impl<const D: usize> InteriorStep<D> {
     pub(super) fn plus(&self, other: &Self, factor: f64) -> Self {
-        let sum = |x: &[Vector<D>], y: &[Vector<D>]| {
-            let pairs = x.iter().zip(y);
-            pairs.map(|(x, y)| x + y * factor).collect()
-        };
         Self {
-            z: sum(&self.z, &other.z),
-            s: sum(&self.s, &other.s),
-            a: self
-                .a
-                .iter()
-                .zip(&other.a)
-                .map(|(x, y)| x + y * factor)
-                .collect(),
+            z: plus(&self.z, &other.z, factor),
+            s: plus(&self.s, &other.s, factor),
+            a: plus(&self.a, &other.a, factor),
         }
     }
+}
+
+/// `x + factor y`.
+pub(super) fn plus<T: Copy + Add<Output = T> + Mul<f64, Output = T>>(
+    x: &[T],
+    y: &[T],
+    factor: f64,
+) -> Vec<T> {
+    let pairs = x.iter().zip(y);
+    pairs.map(|(x, y)| *x + *y * factor).collect()
 }
 
 impl<'p, const D: usize> System<'p, D> {
@@ -49,15 +52,11 @@ impl<'p, const D: usize> System<'p, D> {
     ) -> Result<Option<InteriorFactors<'_, 'p, D>>, Error> {
         let problem = self.problem;
         let compliance = &problem.compliance;
-        let slopes = s
-            .iter()
-            .zip(&problem.law)
-            .map(|(s, law)| self.slope(s, law.mu));
-        let slopes: Vec<Block<D>> = slopes.collect();
+        let slopes = s.iter().zip(&problem.law);
+        let slopes: Vec<Block<D>> = slopes.map(|(s, law)| self.slope(s, law.mu)).collect();
         let of_law = slopes.iter().zip(&scalings);
-        let of_law: Vec<Block<D>> = of_law
-            .map(|(slope, p)| slope * p.forward * p.forward)
-            .collect();
+        let of_law = of_law.map(|(slope, p)| slope * p.forward * p.forward);
+        let of_law: Vec<Block<D>> = of_law.collect();
         let scale = |i: usize| {
             let forward = &scalings[i].forward;
             let own = self.block(i, i, &compliance.block(i)) + forward * forward;
@@ -209,15 +208,11 @@ impl<const D: usize> InteriorFactors<'_, '_, D> {
         let mut left = system.displacement(&v);
         for (i, value) in left.iter_mut().enumerate() {
             *value = b[i] - *value - self.of_law[i] * x[i];
-        }
-        for (i, value) in left.iter_mut().enumerate() {
             for (c, m) in system.motions.at(i) {
                 *value -= Vector::from(*m) * a[c];
             }
         }
-        let work = system.work(x);
-        let unbalanced = balance.iter().zip(work).map(|(s, w)| s - w).collect();
-        (left, unbalanced)
+        (left, plus(balance, &system.work(x), -1.0))
     }
 
     /// The step for which `λ ∘ (P dz + P⁻¹ ds)` is `aim`.
@@ -236,12 +231,7 @@ impl<const D: usize> InteriorFactors<'_, '_, D> {
         for _ in 0..if self.has_motions() { 3 } else { 1 } {
             let (left, unbalanced) = self.find_remainder((&b, &balance), (&z, &a));
             let (dz, da) = self.solve_bordered(&left, &unbalanced);
-            for (z, dz) in z.iter_mut().zip(&dz) {
-                *z += dz;
-            }
-            for (a, da) in a.iter_mut().zip(&da) {
-                *a += da;
-            }
+            (z, a) = (plus(&z, &dz, 1.0), plus(&a, &da, 1.0));
         }
         let s = (0..z.len())
             .map(|i| {

@@ -67,9 +67,11 @@ type Pair<const D: usize> = (Vec<[f64; D]>, Vec<[f64; D]>);
 struct InteriorPath<'s, 'p, const D: usize> {
     system: &'s System<'p, D>,
     first: f64,
-    at: InteriorPoint<D>,
-    /// The point before, unless the path has returned to it.
-    before: Option<InteriorPoint<D>>,
+    at: InteriorStep<D>,
+    /// The logarithm of the remaining share.
+    left: f64,
+    /// Both at the point before, unless the path has returned to it.
+    before: Option<(InteriorStep<D>, f64)>,
     /// The residual of the start, and the sign of its determinant.
     start: Option<(Missed<D>, f64)>,
     /// The point with the least η.
@@ -104,12 +106,12 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
         Self {
             system,
             first,
-            at: InteriorPoint {
+            at: InteriorStep {
                 z: vec![e * first; n],
                 s: vec![e * first; n],
                 a: vec![0.0; system.problem.scaling.modes.len()],
-                left: 0.0,
             },
+            left: 0.0,
             before: None,
             start: None,
             best: None,
@@ -138,8 +140,8 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
 
     /// Whether the remainder has halved lately.
     fn progresses(&mut self, step: usize) -> bool {
-        if self.at.left <= self.halved - LN_2 {
-            (self.halved, self.last_halved) = (self.at.left, step);
+        if self.left <= self.halved - LN_2 {
+            (self.halved, self.last_halved) = (self.left, step);
         }
         step <= self.last_halved + tuning::path_patience()
     }
@@ -167,7 +169,7 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
         let start = self
             .start
             .get_or_insert_with(|| (missed.clone(), factors.sign()));
-        let share = at.left.exp();
+        let share = self.left.exp();
         let sigma = self.first * self.first * share;
         let e = unit::<D>();
         let along = factors.direction(&vec![e * sigma; r.len()], &start.0.times(-share));
@@ -196,10 +198,10 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
         if ways.astray <= tuning::most_astray() || self.reach <= tuning::least_reach() {
             return false;
         }
-        let Some(place) = self.before.take() else {
+        let Some(before) = self.before.take() else {
             return false;
         };
-        self.at = place;
+        (self.at, self.left) = before;
         self.reach = (self.reach * tuning::reach_shrink()).max(tuning::least_reach());
         true
     }
@@ -240,10 +242,10 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
         } else {
             1.0
         };
-        let next = self
-            .at
-            .step_by(&way, change, (tuning::path_rim() * rim).min(most));
-        self.before = Some(std::mem::replace(&mut self.at, next));
+        let share = (tuning::path_rim() * rim).min(most);
+        let next = self.at.plus(&way, share);
+        self.before = Some((std::mem::replace(&mut self.at, next), self.left));
+        self.left += share * change;
     }
 
     /// The best point, if the path has reached a small σ.
@@ -251,30 +253,6 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
         let sigma = self.first * self.first * self.halved.exp();
         let (_, best) = self.best?;
         (sigma <= tuning::path_enough()).then_some(best)
-    }
-}
-
-/// A point of a path; `left` is the logarithm of the remaining share.
-struct InteriorPoint<const D: usize> {
-    z: Vec<Vector<D>>,
-    s: Vec<Vector<D>>,
-    a: Vec<f64>,
-    left: f64,
-}
-
-impl<const D: usize> InteriorPoint<D> {
-    fn step_by(&self, way: &InteriorStep<D>, change: f64, share: f64) -> Self {
-        let there = |x: &[Vector<D>], dx: &[Vector<D>]| {
-            let pairs = x.iter().zip(dx);
-            pairs.map(|(x, dx)| x + dx * share).collect()
-        };
-        let pairs = self.a.iter().zip(&way.a);
-        Self {
-            z: there(&self.z, &way.z),
-            s: there(&self.s, &way.s),
-            a: pairs.map(|(a, da)| a + da * share).collect(),
-            left: self.left + share * change,
-        }
     }
 }
 

@@ -4,9 +4,9 @@ use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::law::second_order;
 use crate::linalg::small::{Block, Vector};
-use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::rigid_motions::RigidMotions;
+use crate::solver::interior::factors::plus;
 use crate::solver::newton::linearisation::movable;
 use crate::solver::tuning;
 
@@ -38,11 +38,9 @@ impl<const D: usize> Missed<D> {
     }
 
     pub(super) fn plus(&self, other: &Self, factor: f64) -> Self {
-        let contacts = self.contacts.iter().zip(&other.contacts);
-        let imbalance = self.imbalance.iter().zip(&other.imbalance);
         Self {
-            contacts: contacts.map(|(x, y)| x + y * factor).collect(),
-            imbalance: imbalance.map(|(x, y)| x + y * factor).collect(),
+            contacts: plus(&self.contacts, &other.contacts, factor),
+            imbalance: plus(&self.imbalance, &other.imbalance, factor),
         }
     }
 }
@@ -54,14 +52,9 @@ impl<'p, const D: usize> System<'p, D> {
         let n = problem.contacts();
         let modes = problem.scaling.modes.len();
         match problem.whole()? {
-            Some(whole) => {
-                let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
-                if memory::check("the factors of W", bytes).is_err() {
-                    return Ok(None);
-                }
-            }
+            Some(whole) if !whole.has_memory() => return Ok(None),
             None if D * n + modes > tuning::most_dense() => return Ok(None),
-            None => {}
+            _ => {}
         }
         if !(0..n).all(|i| (0..D).all(|k| movable(problem, i, k))) {
             return Ok(None);

@@ -5,6 +5,7 @@
 //! Unknowns are `r̂` of the closed contacts and `â`. A frictionless contact has one unknown, an
 //! open one has none without cohesion.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
@@ -17,7 +18,6 @@ use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::sparse_lu::{Analysis, SparseLu};
 use crate::reduced::compliance::Whole;
-use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::solver::bordered::Border;
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
@@ -144,22 +144,19 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
         let mut x = self.right(r, imbalance, count);
+        let apply = |x: &[f64]| self.apply(x, stop);
         if let Some(whole) = self.problem.whole()? {
-            // Both triangles; the count has one.
-            let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
-            if memory::check("the factors of W", bytes).is_err() {
+            if !whole.has_memory() {
                 return Ok(None); // sweeps need none
             }
             count(sparse_cost(whole));
             if let Some(factors) = ContactInverse::factors(self, whole, stop)? {
                 let factors = ContactPreconditioner::new(self, factors)?;
-                let apply = |x: &[f64]| self.apply(x, stop);
                 let precondition = |x: &mut [f64]| factors.apply(self, x);
                 let found = gmres::solve(&apply, &precondition, &x, LEFT, tuning::mending_steps())?;
                 #[expect(clippy::cast_precision_loss, reason = "a few")]
                 count(found.products as f64);
-                let finite = found.x.iter().all(|c| c.is_finite());
-                return Ok(finite.then(|| self.moved(r, rigid, &found.x)));
+                return Ok(self.moved_if_finite(r, rigid, &found.x));
             }
             if n > tuning::iterative_order() {
                 return Ok(None);
@@ -168,19 +165,14 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         } else if n > tuning::iterative_order() {
             let tol = tol();
             let blocks = ContactPreconditioner::new(self, ContactInverse::contacts(self))?;
-            let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);
-            let found = gmres::solve(
-                &apply,
-                &precondition,
-                &x,
-                tol,
-                tuning::most_gmres_products(),
-            )?;
+            let most = tuning::most_gmres_products();
+            let found = gmres::solve(&apply, &precondition, &x, tol, most)?;
             #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
             count((found.products * n) as f64 / (D * self.problem.contacts()) as f64);
-            if found.residual <= tol && found.x.iter().all(|c| c.is_finite()) {
-                return Ok(Some(self.moved(r, rigid, &found.x)));
+            let moved = self.moved_if_finite(r, rigid, &found.x);
+            if found.residual <= tol && moved.is_some() {
+                return Ok(moved);
             }
         }
         count(factorisation_cost(self.problem, n));
@@ -188,9 +180,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             return Ok(None);
         };
         lu.solve(&mut x);
-        Ok(x.iter()
-            .all(|c| c.is_finite())
-            .then(|| self.moved(r, rigid, &x)))
+        Ok(self.moved_if_finite(r, rigid, &x))
     }
 
     /// Solves a system in which all contacts are held and there are no rigid motions. Its
@@ -210,9 +200,12 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         }
         dense::solve_lower(&matrix, n, &mut x, 1);
         dense::solve_lower_transpose(&matrix, n, &mut x, 1);
-        Ok(x.iter()
-            .all(|c| c.is_finite())
-            .then(|| self.moved(r, &[], &x)))
+        Ok(self.moved_if_finite(r, &[], &x))
+    }
+
+    fn moved_if_finite(&self, r: &[[f64; D]], rigid: &[f64], x: &[f64]) -> Option<Solved<D>> {
+        let finite = x.iter().all(|c| c.is_finite());
+        finite.then(|| self.moved(r, rigid, x))
     }
 
     /// Rows of the matrix.
@@ -294,7 +287,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         let mut dr = vec![[0.0; D]; self.problem.contacts()];
         for row in &self.rows {
             let to_r = self.problem.scaling.to_r[row.node];
-            for (k, value) in x[row.first..row.first + row.width].iter().enumerate() {
+            for (k, value) in x[row.places()].iter().enumerate() {
                 dr[row.node][k] = value / to_r;
             }
         }
@@ -326,10 +319,8 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             return Err(Error::Interrupted);
         }
         let scaling = &self.problem.scaling;
-        let v = self
-            .problem
-            .compliance
-            .product_at(&self.nodes(), &self.unpack(x));
+        let compliance = &self.problem.compliance;
+        let v = compliance.product_at(&self.nodes(), &self.unpack(x));
         let amounts = &x[self.contact..];
         let mut y = Vec::with_capacity(x.len());
         for (row, v) in self.rows.iter().zip(v) {
@@ -405,11 +396,10 @@ impl<'w, const D: usize> ContactInverse<'w, D> {
     }
 
     fn solve(&self, system: &ComplianceForm<D>, x: &mut [f64]) {
-        let places = |row: &ClosedContact<D>| row.first..row.first + row.width;
         match self {
             Self::Contacts(inverse) => {
                 for (row, inverse) in system.rows.iter().zip(inverse) {
-                    let own = &mut x[places(row)];
+                    let own = &mut x[row.places()];
                     let mut value = Vector::<D>::zeros();
                     value.as_mut_slice()[..row.width].copy_from_slice(own);
                     let solved = inverse * value;
@@ -419,7 +409,7 @@ impl<'w, const D: usize> ContactInverse<'w, D> {
             Self::Factors(factors) => {
                 let mut all = vec![0.0; factors.order()];
                 for row in &system.rows {
-                    all[D * row.node..][..row.width].copy_from_slice(&x[places(row)]);
+                    all[D * row.node..][..row.width].copy_from_slice(&x[row.places()]);
                 }
                 // None, unless the factors have those of rigid motions.
                 let first = D * system.problem.contacts();
@@ -431,7 +421,7 @@ impl<'w, const D: usize> ContactInverse<'w, D> {
                     *x = *value;
                 }
                 for row in &system.rows {
-                    x[places(row)].copy_from_slice(&all[D * row.node..][..row.width]);
+                    x[row.places()].copy_from_slice(&all[D * row.node..][..row.width]);
                 }
             }
         }
@@ -439,6 +429,10 @@ impl<'w, const D: usize> ContactInverse<'w, D> {
 }
 
 impl<const D: usize> ClosedContact<D> {
+    fn places(&self) -> Range<usize> {
+        self.first..self.first + self.width
+    }
+
     /// Its block of another column of `Ŵ`.
     fn of_others(&self, w: &Block<D>) -> Block<D> {
         let mut block = self.by_v * w;
@@ -490,8 +484,7 @@ impl<'w, const D: usize> ContactPreconditioner<'w, D> {
             let mut column = vec![0.0; system.contact];
             for row in &system.rows {
                 let motion = row.by_v * Vector::from(mode[row.node]);
-                column[row.first..row.first + row.width]
-                    .copy_from_slice(&motion.as_slice()[..row.width]);
+                column[row.places()].copy_from_slice(&motion.as_slice()[..row.width]);
             }
             inner.solve(system, &mut column);
             column
@@ -518,7 +511,7 @@ fn balance<const D: usize>(system: &ComplianceForm<D>, x: &[f64]) -> Vec<f64> {
     let modes = &system.problem.scaling.modes;
     let mut work = vec![0.0; modes.len()];
     for row in &system.rows {
-        let own = &x[row.first..row.first + row.width];
+        let own = &x[row.places()];
         for (c, mode) in modes.at(row.node) {
             work[c] += own.iter().zip(mode).map(|(x, m)| x * m).sum::<f64>();
         }
