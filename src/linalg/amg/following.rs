@@ -13,7 +13,7 @@ use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin;
-use crate::linalg::amg::hierarchy::{Kept, failure, level, make_levels, omega, running};
+use crate::linalg::amg::hierarchy::{Kept, Made, failure, level, make_levels, omega, running};
 use crate::linalg::amg::inverse_diagonal::invert_node;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::multigrid::{Multigrid, check_lengths};
@@ -40,7 +40,17 @@ pub struct Following {
     /// The nodes whose motions a change reads.
     read: Vec<bool>,
     multigrid: Multigrid,
-    ready: bool,
+    state: State,
+}
+
+/// Whether all levels are those of the matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum State {
+    /// Without a factor of the coarsest level.
+    Made,
+    Ready,
+    /// An update has ended with some levels changed.
+    Broken,
 }
 
 /// What changed of the matrix of a level.
@@ -79,20 +89,16 @@ impl Following {
             coarse.replace_dead(&made.tentative.dead);
             let next = made.aggregates.coarse(about, &made.tentative);
             // The largest arrays come last.
-            let (mut levels, last) = make_levels(coarse, next, None, Some(&mut kept), stop)?;
+            let keep = |made: Made, matrix: BlockMatrix| {
+                made.keep(ScaledBlocks::new(LevelMatrix::Whole(&matrix)), matrix)
+            };
+            let (coarser, last) = make_levels(coarse, next, None, keep, stop)?;
             let all = Change::at_finest(rows.nodes.clone(), own);
             let reached = reach(&all, &made.aggregates, own, &made.p);
             let near = matrix.only(&reached.needed(&made.p));
-            let (finest, aggregates, tentative) = made.level(ScaledBlocks::new(own));
-            levels.insert(0, finest);
-            kept.insert(
-                0,
-                Kept {
-                    matrix: near,
-                    aggregates,
-                    tentative,
-                },
-            );
+            let finest = made.keep(ScaledBlocks::new(own), near);
+            let levels;
+            (levels, kept) = std::iter::once(finest).chain(coarser).unzip();
             multigrid.replace(levels, Coarsest::none());
             read = reached.read;
             last
@@ -106,14 +112,16 @@ impl Following {
             last,
             read,
             multigrid,
-            ready: false,
+            state: State::Made,
         })
     }
 
     /// Follows to `held` unknowns and to a spring at each of the nodes that may change, `b × b`
     /// by columns; `about` is that of [`Following::new`], too large to be kept, with the motions of
-    /// [`Following::nodes_read`] at least. The bits do not depend on what was before. After an error
-    /// this cannot be used.
+    /// [`Following::nodes_read`] at least. The bits do not depend on what was before.
+    ///
+    /// # Panics
+    /// After an update with an error, as [`Following::apply`] does.
     pub fn update(
         &mut self,
         about: &LevelNodes,
@@ -132,10 +140,11 @@ impl Following {
                     || springs[spring.clone()] != self.springs[spring]
             })
             .collect();
-        if self.ready && changed.is_empty() {
+        assert_ne!(self.state, State::Broken, "an update has failed before");
+        if self.state == State::Ready && changed.is_empty() {
             return Ok(());
         }
-        self.ready = false;
+        self.state = State::Broken;
         let finest = match self.kept.first_mut() {
             Some(kept) => &mut kept.matrix,
             None => &mut self.last,
@@ -166,7 +175,7 @@ impl Following {
         }
         self.multigrid
             .replace_coarsest(Coarsest::new(&self.last, stop)?);
-        self.ready = true;
+        self.state = State::Ready;
         Ok(())
     }
 
@@ -177,6 +186,7 @@ impl Following {
 
     /// `x ≈ A⁻¹ b`, as [`Multigrid::apply`], with a smoother of this degree.
     pub fn apply(&mut self, degree: usize, b: &[f64], x: &mut [f64]) {
+        assert_eq!(self.state, State::Ready, "no update, or one that failed");
         self.multigrid.set_degree(degree);
         self.multigrid.apply(b, x);
     }

@@ -47,10 +47,19 @@ pub(super) struct Made {
 }
 
 impl Made {
-    /// The level, the aggregates and `T`.
-    pub(super) fn level(self, matrix: ScaledBlocks) -> (Level, Aggregates, Tentative) {
-        let level = Level::new(matrix, self.inverse, self.spectrum, self.p);
-        (level, self.aggregates, self.tentative)
+    /// The level with its own form of the matrix.
+    pub(super) fn level(self, own: ScaledBlocks) -> Level {
+        Level::new(own, self.inverse, self.spectrum, self.p)
+    }
+
+    /// The level, and what following needs of it: its matrix or some rows.
+    pub(super) fn keep(self, own: ScaledBlocks, matrix: BlockMatrix) -> (Level, Kept) {
+        let kept = Kept {
+            matrix,
+            aggregates: self.aggregates,
+            tentative: self.tentative,
+        };
+        (Level::new(own, self.inverse, self.spectrum, self.p), kept)
     }
 }
 
@@ -118,31 +127,21 @@ pub(super) fn level(
 }
 
 /// Makes levels until a dense factor is small, and the matrix of this; `spectrum` is that of the
-/// finest, if it is known. `kept` gets what following needs of each level.
-pub(super) fn make_levels(
+/// finest, if it is known. `end` makes of a level and its matrix what the caller keeps.
+pub(super) fn make_levels<T>(
     mut matrix: BlockMatrix,
     mut about: LevelNodes,
     mut spectrum: Option<f64>,
-    mut kept: Option<&mut Vec<Kept>>,
+    end: impl Fn(Made, BlockMatrix) -> T,
     stop: &AtomicBool,
-) -> Result<(Vec<Level>, BlockMatrix), Error> {
+) -> Result<(Vec<T>, BlockMatrix), Error> {
     let mut list = Vec::new();
     while matrix.b * matrix.nodes() > tuning::dense_unknowns() && list.len() < MOST_LEVELS {
         let own = LevelMatrix::Whole(&matrix);
         let (made, mut coarse) = level(own, &about, &matrix.held, spectrum.take(), stop)?;
         coarse.replace_dead(&made.tentative.dead);
         about = made.aggregates.coarse(&about, &made.tentative);
-        if let Some(kept) = &mut kept {
-            let (level, aggregates, tentative) = made.level(ScaledBlocks::new(own));
-            list.push(level);
-            kept.push(Kept {
-                matrix,
-                aggregates,
-                tentative,
-            });
-        } else {
-            list.push(made.level(ScaledBlocks::replace(matrix)).0);
-        }
+        list.push(end(made, matrix));
         matrix = coarse;
     }
     running(stop)?;

@@ -6,9 +6,10 @@ use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::cycle::{CycleMemory, visit};
-use crate::linalg::amg::hierarchy::make_levels;
+use crate::linalg::amg::hierarchy::{Made, make_levels};
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
+use crate::linalg::amg::scaled_blocks::ScaledBlocks;
 use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::parallel::{largest, map2};
 use crate::linalg::power_of_two::{exponent, factors};
@@ -51,7 +52,8 @@ impl Multigrid {
             *known |= new;
         }
         let mut whole = Self::empty(held.len(), matrix.exponent, settings);
-        let (levels, last) = make_levels(matrix, about, settings.spectrum, None, stop)?;
+        let level = |made: Made, matrix| made.level(ScaledBlocks::replace(matrix));
+        let (levels, last) = make_levels(matrix, about, settings.spectrum, level, stop)?;
         whole.replace(levels, Coarsest::new(&last, stop)?);
         Ok(whole)
     }
