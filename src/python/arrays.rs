@@ -1,7 +1,7 @@
 //! Conversion of NumPy arrays to slices and back. Python checks types and shapes; here only
 //! memory safety is checked.
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::law::cone::Status;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::pages::zeros;
@@ -144,20 +144,8 @@ pub(super) fn rows_of<'a, const D: usize>(
     contacts: usize,
 ) -> PyResult<&'a [[f64; D]]> {
     let rows = rows(array)?;
-    length(what, rows.len(), contacts)?;
+    check_length(what, rows.len(), contacts)?;
     Ok(rows)
-}
-
-/// Refuses an array of a wrong length.
-pub(super) fn length(what: &'static str, found: usize, expected: usize) -> Result<(), Error> {
-    if found == expected {
-        return Ok(());
-    }
-    Err(Error::Shape {
-        what,
-        expected,
-        found,
-    })
 }
 
 /// The values of an array of `expected` ones.
@@ -167,7 +155,7 @@ pub(super) fn numbers<'a, N: Dimension>(
     expected: usize,
 ) -> PyResult<&'a [f64]> {
     let values = array.as_slice()?;
-    length(what, values.len(), expected)?;
+    check_length(what, values.len(), expected)?;
     Ok(values)
 }
 
@@ -178,7 +166,7 @@ pub(super) fn changed<'a>(
     expected: usize,
 ) -> PyResult<&'a mut [f64]> {
     let values = array.as_slice_mut()?;
-    length(what, values.len(), expected)?;
+    check_length(what, values.len(), expected)?;
     Ok(values)
 }
 

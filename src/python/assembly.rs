@@ -7,7 +7,7 @@ use crate::assembly::element::{Law, Reference};
 use crate::assembly::inspection::{self, Bodies, Rows};
 use crate::assembly::pattern::{Index, Part, Pattern};
 use crate::assembly::stiffness::{self as core, Elastic};
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::python::arrays::{
     self, Csr as GivenCsr, Indices, Matrix, NewIndices, NewMatrix, NewVector, Vector,
 };
@@ -139,7 +139,7 @@ fn read_part(part: Option<(Indices<'_>, Indices<'_>)>, nodes: usize) -> PyResult
         rows: arrays::indices(&rows, "rows of K")?,
         numbers: arrays::indices(&numbers, "numbers of nodes")?,
     };
-    arrays::length("numbers of nodes", part.numbers.len(), nodes)?;
+    check_length("numbers of nodes", part.numbers.len(), nodes)?;
     let ends = part.rows.iter().skip(1).chain([&nodes]);
     if let Some(row) = part.rows.iter().zip(ends).position(|(row, end)| row >= end) {
         return Err(Error::SparseStructure { what: "K", row }.into());
@@ -308,7 +308,7 @@ where
     usize: TryFrom<I>,
 {
     let n = places.len();
-    arrays::length("coordinates", n, n / D * D)?;
+    check_length("coordinates", n, n / D * D)?;
     check_rows(k, n, n)?;
     Ok(inspection::bodies(*k, places))
 }
@@ -323,8 +323,8 @@ where
     usize: TryFrom<I>,
 {
     let at = |i: I| usize::try_from(i).unwrap_or(usize::MAX);
-    arrays::length("row pointers of K", k.pointer.len(), rows + 1)?;
-    arrays::length("values of K", k.values.len(), k.index.len())?;
+    check_length("row pointers of K", k.pointer.len(), rows + 1)?;
+    check_length("values of K", k.values.len(), k.index.len())?;
     let rise = k.pointer.windows(2).all(|pair| at(pair[0]) <= at(pair[1]));
     let ends = [k.pointer.first(), k.pointer.last()].map(|end| end.map(|&end| at(end)));
     let whole = ends == [Some(0), Some(k.index.len())];

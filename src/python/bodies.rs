@@ -9,7 +9,7 @@ use crate::bodies::holding::Holding;
 use crate::bodies::rank::{ACCURACY, Combinations};
 use crate::bodies::resistance::measure_resistance;
 use crate::bodies::tuning;
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::union::Union;
 use crate::python::arrays::{self, Csr, Indices, Matrix, NewIndices, NewMatrix};
 use crate::python::dimension::check_dimension;
@@ -45,7 +45,7 @@ pub(super) fn rigid_motions<'py>(
     reach: f64,
 ) -> PyResult<NewMatrix<'py>> {
     let (directions, arms) = (direction.as_slice()?, arrays::rows::<3>(&arm)?);
-    arrays::length("directions", directions.len(), arms.len())?;
+    check_length("directions", directions.len(), arms.len())?;
     check_dimension(d)?;
     let motions = list_motions(d);
     let mut values = vec![0.0; directions.len() * motions.len()];
@@ -74,7 +74,7 @@ pub(super) fn connected<'py>(
         arrays::indices(&first, "pairs")?,
         arrays::indices(&second, "pairs")?,
     );
-    arrays::length("pairs", pairs.1.len(), pairs.0.len())?;
+    check_length("pairs", pairs.1.len(), pairs.0.len())?;
     let mut sets = Union::new(count);
     for (&a, &b) in pairs.0.iter().zip(&pairs.1) {
         check_index(a.max(b), count)?;

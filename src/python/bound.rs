@@ -4,6 +4,7 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::condensation::problem::Problem;
+use crate::error::check_length;
 use crate::path::stepping::{State, increment, reduced_step};
 use crate::proof::error_bound::{Bound, BoundKind, Prepared};
 use crate::python::arrays::{self, Matrix};
@@ -32,10 +33,10 @@ pub(super) fn of_reduced<const D: usize>(
     let rows = arrays::rows::<D>(points.reactions)?;
     let contacts = problem.contacts();
     let expected = points.count.saturating_mul(contacts);
-    arrays::length("reactions", rows.len(), expected)?;
+    check_length("reactions", rows.len(), expected)?;
     let reported = points.reported.map(arrays::rows::<D>).transpose()?;
     if let Some(reported) = reported {
-        arrays::length("reported", reported.len(), rows.len())?;
+        check_length("reported", reported.len(), rows.len())?;
     }
     let (count, rigid) = (points.count, points.rigid);
     let elliptic = problem.elliptic.as_ref();

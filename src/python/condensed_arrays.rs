@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::condensation::bodies::Loaded;
 use crate::condensation::problem::{Confirmed, Problem};
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::path::stepping::{State, reduced_step};
 use crate::proof::uniqueness::Unique;
 use crate::python::arrays::{self, LawArrays, Matrix, NewMatrix, Vector};
@@ -91,7 +91,7 @@ impl<const D: usize> CondensedArrays<D> {
     /// Refuses a wrong number of amounts of rigid motions.
     pub(super) fn check_motion(&self, amounts: &[f64]) -> Result<(), Error> {
         let motions = self.problem.bodies().motions().len();
-        arrays::length("rigid_motion", amounts.len(), motions)
+        check_length("rigid_motion", amounts.len(), motions)
     }
 
     /// `r̃` of a reaction.
@@ -117,7 +117,7 @@ impl<const D: usize> CondensedArrays<D> {
         let Some(gap) = gap else {
             return Ok(self.clone());
         };
-        arrays::length("gap", gap.len(), self.contacts())?;
+        check_length("gap", gap.len(), self.contacts())?;
         let gap = times(self.elliptic.as_ref(), gap).into_owned();
         Ok(self.with(self.problem.with_gap(gap)?))
     }

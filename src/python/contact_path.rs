@@ -6,6 +6,7 @@ use std::time::Instant;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
+use crate::error::check_length;
 use crate::law::cone::Status;
 use crate::path::stepping::State;
 use crate::primal::engine::{Correction, Engine, Terms};
@@ -190,7 +191,7 @@ where
     ) -> PyResult<Solved<'py>> {
         let interface = &*self.variables.interface;
         let elliptic = self.variables.elliptic.as_ref();
-        arrays::length("prescribed", prescribed.len(), self.variables.fixed)?;
+        check_length("prescribed", prescribed.len(), self.variables.fixed)?;
         let moved = gap.map(|gap| {
             let gap = times(elliptic, arrays::rows(gap)?).into_owned();
             PyResult::Ok(interface.contacts.with_gap(gap)?)

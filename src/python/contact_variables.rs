@@ -6,7 +6,7 @@ use std::sync::Arc;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-use crate::error::{Error, check_finite};
+use crate::error::{Error, check_finite, check_length};
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
@@ -95,8 +95,8 @@ struct Arguments<'a> {
 impl Arguments<'_> {
     fn make<const D: usize>(self, gap: &[[f64; D]]) -> Result<Interface<D>, Error> {
         let places = self.position.len();
-        arrays::length("places", places, D * self.bodies.len())?;
-        arrays::length("blocks", self.blocks.len(), D * places)?;
+        check_length("places", places, D * self.bodies.len())?;
+        check_length("blocks", self.blocks.len(), D * places)?;
         check_finite("blocks", self.blocks)?;
         check_finite("gap", gap.as_flattened())?;
         contact_law::check(&self.law, gap.len())?;

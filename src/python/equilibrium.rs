@@ -10,10 +10,10 @@ use crate::equilibrium::minimise::ConeSet;
 use crate::equilibrium::multiplier::find_limit;
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::statics::Statics;
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::python::arrays::{
-    Csr, CsrArrays, Indices, NewVector, Vector, from_vec, indices, length, numbers,
+    Csr, CsrArrays, Indices, NewVector, Vector, from_vec, indices, numbers,
 };
 use crate::python::interrupt;
 
@@ -121,7 +121,7 @@ impl PyConeSet {
         let (offset, right) = (offset.as_slice()?.to_vec(), right.as_slice()?.to_vec());
         let sizes = indices(&sizes, "sizes")?;
         let count = sizes.iter().fold(0, |sum: usize, &n| sum.saturating_add(n));
-        length("sizes", count, offset.len())?;
+        check_length("sizes", count, offset.len())?;
         let set = ConeSet {
             rows: own(&rows, offset.len())?,
             equations: own(&equations, right.len())?,

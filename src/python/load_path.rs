@@ -6,7 +6,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::law::cone::Status;
 use crate::path::stepping::{State, Step};
 use crate::path::working_set::{Set, WorkingSetPath};
@@ -53,7 +53,7 @@ pub(super) fn state_of_contacts<const D: usize>(
         status: status.collect(),
         rigid: Vec::new(),
     };
-    arrays::length("start", state.status.len(), count)?;
+    check_length("start", state.status.len(), count)?;
     Ok(state)
 }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use pyo3::prelude::*;
 
 use crate::condensation::condense::ProblemArrays;
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::csc::{Index, Symmetric};
 use crate::primal::path::PrimalPath;
@@ -241,7 +241,7 @@ impl<const D: usize> Progress<D> {
             let u = displacement.map_or(Ok(&[][..]), |u| u.as_slice())?;
             if !u.is_empty() {
                 let order = problem.problem.order();
-                arrays::length("displacement of start", u.len(), order)?;
+                check_length("displacement of start", u.len(), order)?;
             }
             path = PrimalPath::new(Some(state), u.to_vec());
         }

@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
+use crate::error::check_length;
 use crate::linalg::amg::following::Following;
 use crate::primal::linearised::LinearisedStep;
 use crate::python::arrays::{self, CsrOutput, Indices, Matrix, NewMatrix, NewVector, Vector};
@@ -132,7 +133,7 @@ impl PyPrimalTangent {
     ) -> PyResult<Option<Vec<f64>>> {
         let problem = &arrays.problem;
         let m = D * closed.len();
-        arrays::length("right", right.len(), m + problem.order())?;
+        check_length("right", right.len(), m + problem.order())?;
         let (laws, factors) = laws(closed, law, &self.factors)?;
         let (mut own, mut rest) = (right[..m].to_vec(), right[m..].to_vec());
         let run = |stop: &AtomicBool| {

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+use crate::error::check_length;
 use crate::proof::uniqueness;
 use crate::python::arrays::{self, Csr, Indices, LawArrays, Matrix, Vector};
 use crate::python::bound::{self, PyBound};
@@ -62,7 +63,7 @@ impl PyReduced {
     fn is_contradiction(&self, py: Python<'_>, amounts: Vector<'_>) -> PyResult<bool> {
         let amounts = amounts.as_slice()?;
         for_either!(&self.kind, problem => {
-            arrays::length("witness", amounts.len(), problem.contacts())?;
+            check_length("witness", amounts.len(), problem.contacts())?;
             problem.run(py, None, None, |problem, _, _| {
                 Ok(is_contradiction(problem, &problem.compliance.gather(amounts)))
             })

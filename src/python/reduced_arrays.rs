@@ -8,7 +8,7 @@ use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::rows::Rows;
@@ -67,7 +67,7 @@ impl<const D: usize> ReducedArrays<D> {
     ) -> PyResult<Self> {
         let q = arrays::rows::<D>(q)?;
         let (law, elliptic) = law.read(D)?;
-        arrays::length("mu", law.len(), q.len())?;
+        check_length("mu", law.len(), q.len())?;
         check_partition(&given, q.len())?;
         let load = load.as_slice()?.to_vec();
         let mut motions = RigidMotions::default();
@@ -188,7 +188,7 @@ impl<const D: usize> ReducedArrays<D> {
 impl<const D: usize> ReducedArrays<D> {
     /// Refuses a wrong number of amounts of rigid motions.
     pub(super) fn check_motion(&self, amounts: &[f64]) -> Result<(), Error> {
-        arrays::length("rigid_motion", amounts.len(), self.rigid.modes.len())
+        check_length("rigid_motion", amounts.len(), self.rigid.modes.len())
     }
 
     pub(super) fn residual(
@@ -283,5 +283,5 @@ fn check_partition(parts: &[IslandArrays], contacts: usize) -> PyResult<()> {
         }
     }
     let found = seen.iter().filter(|&&seen| seen).count();
-    Ok(arrays::length("W", found, contacts)?)
+    Ok(check_length("W", found, contacts)?)
 }

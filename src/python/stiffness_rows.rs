@@ -4,7 +4,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::assembly::inspection::{InspectedRows, Rows, diagonal};
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::nodes::Nodes;
 use crate::primal::stiffness_rows::StiffnessRows;
@@ -47,7 +47,7 @@ impl PyStiffnessRows {
         let (first, n) = (self.inspected.count(), self.n);
         let (own, inspected) = (&mut self.rows, &mut self.inspected);
         of_rows!(&part, true, k => interrupt::run(py, self.num_threads, |_| {
-            arrays::length("coordinates", places.len(), n)?;
+            check_length("coordinates", places.len(), n)?;
             let count = k.pointer.len().saturating_sub(1);
             check_rows(&k, count, n)?;
             if first + count > n {
@@ -65,7 +65,7 @@ impl PyStiffnessRows {
     /// As `bodies`, of all rows, once.
     fn bodies<'py>(&mut self, py: Python<'py>, places: Matrix<'py>) -> PyResult<BodiesOutput<'py>> {
         let places = arrays::rows::<3>(&places)?;
-        arrays::length("coordinates", places.len(), self.n)?;
+        check_length("coordinates", places.len(), self.n)?;
         let inspected = std::mem::take(&mut self.inspected);
         if inspected.count() != self.n {
             return Err(Error::SparseStructure {

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use pyo3::prelude::*;
 
 use crate::condensation::candidates::View;
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::law::contact_law::ContactLaw;
 use crate::path::working_set;
 use crate::python::arrays::{self, Indices, Matrix, NewIndices, NewMatrix, NewVector, Vector};
@@ -39,7 +39,7 @@ fn close<const D: usize>(
 ) -> PyResult<View<D>> {
     let count = problem.contacts();
     if let Some(&found) = contacts.iter().find(|&&contact| contact >= count) {
-        arrays::length("contacts", found, count)?;
+        check_length("contacts", found, count)?;
     }
     let mut view = problem.run(py, |stop| {
         working_set::with(&problem.problem, contacts.into_iter(), stop)
@@ -275,7 +275,7 @@ impl PyTangentSystem {
         solve: impl Fn(&mut [f64]),
     ) -> PyResult<NewMatrix<'py>> {
         let (rows, columns) = right.as_array().dim();
-        arrays::length("right", columns, self.system.order())?;
+        check_length("right", columns, self.system.order())?;
         let mut all = right.as_slice()?.to_vec();
         all.chunks_exact_mut(columns.max(1)).for_each(solve);
         Ok(arrays::square(py, all, rows, columns))
