@@ -22,7 +22,6 @@ const BALANCED: f64 = 1e-10;
 /// Reactions that are this many times the loads are no solution: their rounding hides the loads.
 pub(super) const LARGEST: f64 = 1e9;
 
-/// The answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     Balanced,

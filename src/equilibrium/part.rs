@@ -11,7 +11,6 @@ use crate::linalg::small::{TURNED, norm};
 /// reactions, all of them allowed, and a proof counts all of it.
 const MOST_COHESION: f64 = 1e6;
 
-/// A contact in the programme.
 struct Cone {
     /// Its unknowns, the first of them and their number: one without friction.
     first: usize,
@@ -125,7 +124,6 @@ impl<'a> Part<'a> {
         norm(&self.scale_load(imbalance)) / norm(&self.load)
     }
 
-    /// The scaled `e` of another load.
     fn scale_load(&self, load: &[f64]) -> Vec<f64> {
         let pairs = self.group.motions.iter().zip(&self.lengths);
         pairs.map(|(&j, l)| load[j] / l / self.force).collect()

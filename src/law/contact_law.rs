@@ -23,12 +23,10 @@ pub struct ContactLaw {
 }
 
 impl ContactLaw {
-    /// Coulomb's law of each contact.
     pub fn coulomb(mu: &[f64]) -> Vec<Self> {
         mu.iter().map(|&mu| Self::from(mu)).collect()
     }
 
-    /// Whether it is Coulomb's.
     pub fn is_coulomb(&self) -> bool {
         // Without `..`, here and below: another number must say whether it is Coulomb's.
         let Self {
@@ -44,7 +42,6 @@ impl ContactLaw {
         self.mu > 0.0 || self.cohesion > 0.0
     }
 
-    /// `c + μ r_n`.
     pub fn limit(&self, r_n: f64) -> f64 {
         self.cohesion + self.mu * r_n
     }

@@ -36,11 +36,8 @@ pub fn contraction<const D: usize>(
     let m = tangents.len();
     let mut rough = Vec::with_capacity(m * m);
     for &j in &tangents {
-        rough.extend(
-            tangents
-                .iter()
-                .map(|&i| (friction(i) * friction(j)).sqrt() * half[j * n + i]),
-        );
+        let entry = |&i: &usize| (friction(i) * friction(j)).sqrt() * half[j * n + i];
+        rough.extend(tangents.iter().map(entry));
     }
     let of_rough = 8.0 * f64::EPSILON * norm(&rough);
     let mut alpha = None;

@@ -27,7 +27,6 @@ use crate::linalg::verified_cholesky::{self, Lower, gamma};
 use crate::proof::tuning;
 use crate::reduced::reduced::Reduced;
 
-/// Weights of all contacts.
 #[derive(Clone, Debug)]
 pub struct Weights {
     /// `p`.
@@ -66,7 +65,6 @@ impl<const D: usize> KnownSlip<D> {
 /// determine another one, `d_tied = factor · d_kept`.
 #[derive(Clone, Debug, Default)]
 pub struct Ties {
-    /// The kept unknowns.
     pub kept: Vec<usize>,
     pub tied: Vec<Option<(usize, f64)>>,
 }
@@ -258,7 +256,6 @@ impl<const D: usize> Monotonicity<D> {
         vec![KnownSlip::Nothing; self.mu.len()]
     }
 
-    /// All unknowns.
     pub fn all(&self) -> Vec<usize> {
         (0..self.order()).collect()
     }

@@ -125,13 +125,11 @@ impl<'a, const D: usize> Compliance<'a, D> {
             || is_sparse(self.entries() / (D * D), self.contacts())
     }
 
-    /// The stored blocks of a row.
     pub fn row_blocks(&self, position: usize, add: &mut dyn FnMut(usize, Block<D>)) {
         let (island, contact) = self.find(position);
         island.row_blocks(contact, &mut |j, w| add(island.nodes.start + j, w));
     }
 
-    /// `W` in blocks, if it is sparse.
     pub fn whole(&self) -> Result<Option<&Whole<D>>, Error> {
         if !self.is_sparse() {
             return Ok(None);
@@ -144,7 +142,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
         Ok(self.whole.get())
     }
 
-    /// Entries that a product reads.
     pub fn entries(&self) -> usize {
         self.islands.iter().map(Island::entries).sum()
     }
@@ -168,7 +165,6 @@ impl<'a, const D: usize> Compliance<'a, D> {
         out
     }
 
-    /// Bytes held by the matrices.
     pub fn bytes(&self) -> usize {
         8 * self.entries()
     }
@@ -222,11 +218,24 @@ impl<'a, const D: usize> Compliance<'a, D> {
         of(island, contact, pushed - island.nodes.start)
     }
 
+    fn each(
+        &self,
+        x: &[[f64; D]],
+        y: &mut [[f64; D]],
+        of: impl Fn(&Island<'a, D>, &[[f64; D]], &mut [[f64; D]]),
+    ) {
+        for island in &self.islands {
+            of(
+                island,
+                &x[island.nodes.clone()],
+                &mut y[island.nodes.clone()],
+            );
+        }
+    }
+
     /// `y = W r`.
     pub fn product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
-        for island in &self.islands {
-            island.product(&r[island.nodes.clone()], &mut y[island.nodes.clone()]);
-        }
+        self.each(r, y, Island::product);
     }
 
     /// `y = Wᵀ r`, faster with fewer reactions.
@@ -268,16 +277,13 @@ impl<'a, const D: usize> Compliance<'a, D> {
         }
     }
 
-    /// Whether `W` is bitwise symmetric.
     pub fn is_symmetric(&self) -> bool {
         self.islands.iter().all(Island::is_symmetric)
     }
 
     /// `y = |W| |r|`, for bounds on the rounding of [`Compliance::product`].
     pub fn absolute_product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
-        for island in &self.islands {
-            island.absolute_product(&r[island.nodes.clone()], &mut y[island.nodes.clone()]);
-        }
+        self.each(r, y, Island::absolute_product);
     }
 
     /// `y += W_{·i} dr` for the contact at `position`.
@@ -288,10 +294,9 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// `y += W dr` for some components of the reactions; reads only their columns.
     pub fn add_columns(&self, parts: Range<usize>, dr: &[[f64; D]], y: &mut [[f64; D]]) {
-        for island in &self.islands {
-            let (dr, y) = (&dr[island.nodes.clone()], &mut y[island.nodes.clone()]);
-            island.add_columns(parts.clone(), dr, y);
-        }
+        self.each(dr, y, |island, dr, y| {
+            island.add_columns(parts.clone(), dr, y)
+        });
     }
 
     /// Whether an inverse may be tried: only if `W` is symmetric and dense. It does not depend
@@ -323,12 +328,9 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// `y = W⁻¹ x`, with the inverse made before.
     pub fn inverse_product(&self, x: &[[f64; D]], y: &mut [[f64; D]]) {
-        for island in &self.islands {
-            island.inverse_product(&x[island.nodes.clone()], &mut y[island.nodes.clone()]);
-        }
+        self.each(x, y, Island::inverse_product);
     }
 
-    /// A block of the inverse made before.
     pub fn inverse_pair(&self, moved: usize, pushed: usize) -> Block<D> {
         self.block_of(Island::inverse_pair, moved, pushed)
     }

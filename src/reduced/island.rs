@@ -101,17 +101,14 @@ impl<'a, const D: usize> Island<'a, D> {
         })
     }
 
-    /// Number of unknowns.
     fn order(&self) -> usize {
         D * self.nodes.len()
     }
 
-    /// The matrix.
     pub fn part(&self) -> &Part<'a, D> {
         &self.part
     }
 
-    /// Its blocks, if it is sparse.
     pub fn blocks(&self) -> Option<&Blocks<D>> {
         match &self.part {
             Part::Dense(_) => None,

@@ -100,7 +100,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
         })
     }
 
-    /// The same problem with another `e`.
     pub fn with_load(&self, load: Vec<f64>) -> Self {
         let mut other = self.clone();
         other.scaling.load = other.scaling.scale_load(&load);
@@ -108,7 +107,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
         other
     }
 
-    /// The law of a contact in scaled variables.
     pub fn scaled_law(&self, contact: usize) -> ContactLaw {
         self.law[contact].scaled(self.scaling.to_r[contact])
     }
@@ -166,7 +164,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
         Ok(self.bordered.get().map(Arc::as_ref))
     }
 
-    /// Computes `v = W r + R a + q`.
     pub fn relative_displacement(&self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
         let mut v = vec![[0.0; D]; r.len()];
         self.compliance.product(r, &mut v);

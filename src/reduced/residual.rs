@@ -157,7 +157,6 @@ impl<const D: usize> Certificate<D> {
         if self.sound { tol.max(self.floor) } else { tol }
     }
 
-    /// Whether this point is a solution.
     pub fn converged(&self, tol: f64) -> bool {
         let tolerance = self.tolerance(tol);
         self.sound

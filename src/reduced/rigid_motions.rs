@@ -74,7 +74,6 @@ impl<const D: usize> RigidMotions<D> {
         all
     }
 
-    /// Adds a contact.
     fn add(&mut self, row: impl Iterator<Item = (usize, [f64; D])>) {
         for (c, value) in row.filter(|(_, value)| value.iter().any(|&x| x != 0.0)) {
             self.motion.push(c);
@@ -83,7 +82,6 @@ impl<const D: usize> RigidMotions<D> {
         self.start.push(self.motion.len());
     }
 
-    /// Number of motions.
     pub fn len(&self) -> usize {
         self.count
     }
@@ -112,7 +110,6 @@ impl<const D: usize> RigidMotions<D> {
         motions.zip(&self.values[range])
     }
 
-    /// The contacts in another order.
     pub fn gather(&self, order: &[usize]) -> Self {
         if self.count == 0 {
             return Self::default();
@@ -165,7 +162,6 @@ impl<const D: usize> RigidMotions<D> {
         work
     }
 
-    /// Length of each column.
     pub fn lengths(&self) -> Vec<f64> {
         let mut lengths = vec![0.0_f64; self.count];
         for (&c, value) in self.motion.iter().zip(&self.values) {

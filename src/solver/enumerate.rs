@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::dense;
-use crate::linalg::small::{amax, norm};
+use crate::linalg::small::{add_scaled, amax, norm, plus_scaled, scale_rows};
 use crate::linalg::verified_cholesky::VerifiedCholesky;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::{Reduced, Rigid};
@@ -51,16 +51,8 @@ const LOOK: usize = 4096;
 
 /// Number of choices of statuses for contacts with these coefficients.
 pub fn statuses(laws: &[ContactLaw]) -> u64 {
-    let of = |law: &ContactLaw| {
-        if law.mu > 0.0 {
-            ROUGH.len()
-        } else {
-            SMOOTH.len()
-        }
-    };
-    laws.iter()
-        .map(of)
-        .fold(1, |all: u64, one| all.saturating_mul(one as u64))
+    let of = |law: &ContactLaw| labels(law.mu).len() as u64;
+    laws.iter().map(of).fold(1, u64::saturating_mul)
 }
 
 /// Result of trying all statuses.
@@ -166,6 +158,10 @@ const ROUGH: [Label; 4] = [
     Label::Slip(1.0),
     Label::Slip(-1.0),
 ];
+
+fn labels(mu: f64) -> &'static [Label] {
+    if mu > 0.0 { &ROUGH } else { &SMOOTH }
+}
 
 const NOWHERE: usize = usize::MAX;
 
@@ -335,9 +331,7 @@ impl Tableau {
         for column in others.chunks_exact_mut(self.height) {
             let factor = column[row] / pivot;
             if factor != 0.0 {
-                for (value, p) in column.iter_mut().zip(&*pivots) {
-                    *value -= factor * p;
-                }
+                add_scaled(column, -factor, pivots);
             }
             column[row] = -factor;
         }
@@ -371,9 +365,7 @@ impl Tableau {
     fn at(&self, x: &[f64]) -> Vec<f64> {
         let mut rows = self.constants().to_vec();
         for (c, &unknown) in self.unknowns.iter().enumerate() {
-            for (value, entry) in rows.iter_mut().zip(self.column(c + 1)) {
-                *value += x[unknown] * entry;
-            }
+            add_scaled(&mut rows, x[unknown], self.column(c + 1));
         }
         rows
     }
@@ -460,8 +452,7 @@ impl<'p> Search<'p> {
             return Ok(());
         }
         let mu = self.problem.law[depth].mu;
-        let choices: &[Label] = if mu > 0.0 { &ROUGH } else { &SMOOTH };
-        for &label in choices {
+        for &label in labels(mu) {
             let (above, below) = self.levels.split_at_mut(depth + 1);
             below[0].copy_from(&above[depth]);
             below[0].decide(depth, label, mu);
@@ -635,9 +626,7 @@ impl<'p> Search<'p> {
         let mut rest = root.clone();
         rest.entries[..root.height].copy_from_slice(&root.at(&x));
         if let Some(correction) = rest.solve(&self.labels, &problem.law) {
-            for (x, dx) in x.iter_mut().zip(correction) {
-                *x += dx;
-            }
+            add_scaled(&mut x, 1.0, &correction);
         }
         let scaling = &problem.scaling;
         let contacts = problem.contacts();
@@ -653,14 +642,10 @@ impl<'p> Search<'p> {
             return;
         }
         let mut point = x;
-        for (v, s) in certificate.v.iter().zip(&scaling.to_v) {
-            point.extend(v.map(|c| c * s));
-        }
+        point.extend(scale_rows(&certificate.v, &scaling.to_v).as_flattened());
         // At the boundary between two statuses, both give the same solution.
-        let same = |other: &Vec<f64>| {
-            let apart = point.iter().zip(other).map(|(x, y)| (x - y).abs());
-            apart.fold(0.0, f64::max) <= SAME * amax(&point)
-        };
+        let same =
+            |other: &Vec<f64>| amax(&plus_scaled(&point, -1.0, other)) <= SAME * amax(&point);
         if !self.points.iter().any(same) {
             self.points.push(point);
             self.found.answers.push((r, a));

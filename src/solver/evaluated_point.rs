@@ -62,12 +62,10 @@ impl<const D: usize> EvaluatedPoint<D> {
         merit(problem, &self.r, &self.v)
     }
 
-    /// η.
     pub fn residual(&self, problem: &Reduced<D>) -> f64 {
         residual(problem, &self.r, &self.v, &self.rigid)
     }
 
-    /// Passes it to the monitor.
     pub fn look(&self, monitor: &mut Monitor<D>, iterated: bool) -> Result<NextStep, Ended> {
         monitor.look(&self.r, &self.v, &self.rigid, iterated)
     }

@@ -1,6 +1,8 @@
 //! Decides whether linear inequalities contradict each other, and gives the shares that prove
 //! it.
 
+use crate::linalg::small::{add_scaled, amax};
+
 /// A coefficient below this share of the largest of its row is not used as a pivot.
 const SMALLEST_PIVOT: f64 = 1e-9;
 
@@ -55,7 +57,7 @@ impl Inequalities {
                 return None;
             }
             let row = &self.entries[worst * width + 1..(worst + 1) * width];
-            let size = row.iter().fold(0.0_f64, |m, t| m.max(t.abs()));
+            let size = amax(row);
             let best = (0..self.columns).max_by(|&k, &l| row[k].total_cmp(&row[l]));
             match best.filter(|&k| row[k] > SMALLEST_PIVOT * size) {
                 Some(column) => self.pivot(worst, column),
@@ -82,9 +84,7 @@ impl Inequalities {
                 continue;
             }
             other[column + 1] = 0.0;
-            for (value, p) in other.iter_mut().zip(&self.pivots) {
-                *value += factor * p;
-            }
+            add_scaled(other, factor, &self.pivots);
         }
         std::mem::swap(&mut self.given[row], &mut self.free[column]);
     }

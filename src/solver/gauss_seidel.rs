@@ -13,7 +13,9 @@ use std::borrow::Cow;
 use crate::law::bipotential::law_step;
 use crate::law::cone::Status;
 use crate::law::one_node::{self, Habit};
-use crate::linalg::small::{Block, Vector};
+use crate::linalg::small::{
+    Block, Vector, minus_scaled, plus_scaled, rows_plus_scaled, scale_rows,
+};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
@@ -35,13 +37,19 @@ pub struct GaussSeidelPoint<const D: usize> {
     a: Vec<f64>,
 }
 
-/// The sweeps for one problem.
 #[derive(Debug)]
 pub struct Sweeper<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     /// Diagonal blocks with the proximal term.
     blocks: Vec<Block<D>>,
     closed: Vec<bool>,
+}
+
+/// `a ← a + sign s/δ`.
+fn shift(a: &mut [f64], s: &[f64], sign: f64) {
+    for (a, s) in a.iter_mut().zip(s) {
+        *a += sign * (s / tuning::sweep_delta());
+    }
 }
 
 /// Runs until the monitor stops it.
@@ -61,18 +69,14 @@ pub fn run<const D: usize>(
 impl<const D: usize> GaussSeidelPoint<D> {
     /// `â + (R̂ᵀ r̂ + ê)/δ`: the rigid motion of a point of the proximal form.
     fn motion(&self) -> Vec<f64> {
-        let total = |(a, s): (&f64, &f64)| a + s / tuning::sweep_delta();
-        self.a.iter().zip(&self.s).map(total).collect()
+        let mut motion = self.a.clone();
+        shift(&mut motion, &self.s, 1.0);
+        motion
     }
 
     fn pack(&self) -> Vec<f64> {
-        [
-            self.r.as_flattened(),
-            self.v.as_flattened(),
-            &self.s,
-            &self.a,
-        ]
-        .concat()
+        let (r, v) = (self.r.as_flattened(), self.v.as_flattened());
+        [r, v, &self.s, &self.a].concat()
     }
 
     fn unpack(&self, packed: &[f64]) -> Self {
@@ -112,14 +116,10 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         }
     }
 
-    /// The start point.
     pub fn start(&self, start: &Start<D>, monitor: &mut Monitor<D>) -> GaussSeidelPoint<D> {
         let none = vec![0.0; self.problem.rigid.modes.len()];
-        let rigid = if start.rigid.is_empty() {
-            &none
-        } else {
-            &start.rigid
-        };
+        let given = !start.rigid.is_empty();
+        let rigid = if given { &start.rigid } else { &none };
         if start.reaction.is_empty() {
             return GaussSeidelPoint {
                 r: vec![[0.0; D]; self.problem.contacts()],
@@ -162,7 +162,6 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         Linearisation::new(self.problem, &point.r, &self.total(point))
     }
 
-    /// Passes a point to the monitor.
     pub fn look(
         &self,
         point: &GaussSeidelPoint<D>,
@@ -177,17 +176,9 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         )
     }
 
-    /// η of a point.
     pub fn residual(&self, point: &GaussSeidelPoint<D>) -> f64 {
         let a = self.rigid_motion(point);
         crate::reduced::residual::residual(self.problem, &point.r, &self.total(point), &a)
-    }
-
-    fn scaled_change(&self, point: &GaussSeidelPoint<D>, before: &[[f64; D]]) -> Vec<f64> {
-        let change = point.r.iter().zip(before).zip(&self.problem.scaling.to_r);
-        change
-            .flat_map(|((x, y), s)| std::array::from_fn::<f64, D, _>(|k| (x[k] - y[k]) * s))
-            .collect()
     }
 
     /// Makes `count` accelerated sweeps, unless the monitor stops them before, or one changes no
@@ -215,11 +206,10 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 monitor.measure_floor(&point.r, &self.rigid_motion(point));
                 self.refresh(point);
             }
-            for (a, s) in point.a.iter_mut().zip(&point.s) {
-                *a += s / tuning::sweep_delta();
-            }
-            let mut f = self.scaled_change(point, &before.0);
-            f.extend(point.a.iter().zip(&before.1).map(|(x, y)| x - y));
+            shift(&mut point.a, &point.s, 1.0);
+            let change = rows_plus_scaled(&point.r, -1.0, &before.0);
+            let mut f = scale_rows(&change, &self.problem.scaling.to_r).into_flattened();
+            f.extend(plus_scaled(&point.a, -1.0, &before.1));
             if let Some(next) = anderson.extrapolate(f, point.pack()) {
                 let next = point.unpack(&next);
                 let here = if refresh || !point.a.is_empty() {
@@ -250,9 +240,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         };
         self.refresh(&mut point);
         // The rigid motion of the point is the given one.
-        for (a, s) in point.a.iter_mut().zip(&point.s) {
-            *a -= s / tuning::sweep_delta();
-        }
+        shift(&mut point.a, &point.s, -1.0);
         point
     }
 
@@ -272,7 +260,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             let block = &self.blocks[i];
             let v = self.with_rigid(i, &point.v[i], &motion);
             let own = block * Vector::<D>::from(r);
-            let free: [f64; D] = std::array::from_fn(|k| v[k] - own[k]);
+            let free = minus_scaled(&v, 1.0, &own.into());
             let habit = if self.closed[i] {
                 Habit::Closed
             } else {
@@ -285,7 +273,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             let project = || law_step(&r, &v, scaling.to_v[i] / scaling.to_r[i], law);
             let (next, status) = solved.unwrap_or_else(project);
             changed |= std::mem::replace(last, status) != status;
-            let dr: [f64; D] = std::array::from_fn(|k| next[k] - r[k]);
+            let dr = minus_scaled(&next, 1.0, &r);
             if dr.iter().all(|&c| c == 0.0) {
                 continue;
             }

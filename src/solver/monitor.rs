@@ -13,6 +13,7 @@ use crate::reduced::residual::{self, Certificate};
 use crate::solver::enumerate;
 use crate::solver::outcome::{Ended, Outcome};
 use crate::solver::settings::Settings;
+use crate::solver::solution::Solution;
 use crate::solver::tuning;
 
 /// The next step of a solver that goes on.
@@ -71,7 +72,6 @@ impl Progress {
     }
 }
 
-/// The monitor of one solve.
 #[derive(Debug)]
 pub struct Monitor<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
@@ -102,13 +102,8 @@ pub struct Log<const D: usize> {
     pub best_rigid: Vec<f64>,
     /// That of the best point, if it has converged.
     pub certificate: Option<Certificate<D>>,
-    /// What proves that there is no equilibrium: a rigid motion, or so many statuses.
-    pub free_motion: Vec<f64>,
-    pub statuses_tried: u64,
-    pub iterations: usize,
-    pub work: f64,
-    pub history: Vec<(f64, f64)>,
-    pub seconds: f64,
+    /// All but the best point.
+    pub result: Solution<D>,
 }
 
 impl<'p, const D: usize> Monitor<'p, D> {
@@ -153,20 +148,17 @@ impl<'p, const D: usize> Monitor<'p, D> {
 
     /// η of the last point that it was shown.
     pub fn residual(&self) -> f64 {
-        self.log
-            .history
-            .last()
-            .map_or(f64::INFINITY, |point| point.1)
+        let last = self.log.result.history.last();
+        last.map_or(f64::INFINITY, |point| point.1)
     }
 
-    /// Iterations so far.
     pub fn iterations(&self) -> usize {
-        self.log.iterations
+        self.log.result.iterations
     }
 
     /// Counts products with `W`.
     pub fn count(&mut self, products: f64) {
-        self.log.work += products;
+        self.log.result.work += products;
     }
 
     /// [`Monitor::look`] with a `v` evaluated afresh.
@@ -188,19 +180,25 @@ impl<'p, const D: usize> Monitor<'p, D> {
         if self.stop.load(Ordering::Relaxed) || self.progress.ask.is_some_and(|ask| ask()) {
             return Err(Error::Interrupted.into());
         }
-        self.log.iterations += usize::from(iterated);
+        self.log.result.iterations += usize::from(iterated);
         if norm(a) >= norm(&self.furthest_rigid) {
             self.furthest_rigid.clear();
             self.furthest_rigid.extend_from_slice(a);
         }
         let eta = residual::residual(self.problem, r, v, a);
         if let Some(nothing) = self.check_zero(r, a) {
-            self.log.history.push((self.log.work, nothing.residual));
+            self.log
+                .result
+                .history
+                .push((self.log.result.work, nothing.residual));
             self.keep(&vec![[0.0; D]; r.len()], a, nothing.residual, Some(nothing));
             return Err(Ended::Stopped(Outcome::Converged));
         }
-        self.log.history.push((self.log.work, eta.min(f64::MAX)));
-        let at_rest = self.log.iterations >= self.last_halved + tuning::rest();
+        self.log
+            .result
+            .history
+            .push((self.log.result.work, eta.min(f64::MAX)));
+        let at_rest = self.log.result.iterations >= self.last_halved + tuning::rest();
         let claims = eta <= self.settings.tol || (eta <= self.floor && at_rest);
         if claims && eta <= 0.5 * self.refuted {
             let within = within_cones(self.problem, r, v);
@@ -212,7 +210,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 a
             };
             let fresh = Certificate::new(self.problem, r, a);
-            self.log.work += 2.0;
+            self.log.result.work += 2.0;
             self.floor = fresh.floor;
             let converged = fresh.converged(self.settings.tol);
             if converged || fresh.residual < self.best {
@@ -229,14 +227,14 @@ impl<'p, const D: usize> Monitor<'p, D> {
         }
         if eta < self.best {
             if eta < tuning::better_share() * self.best {
-                self.last_better = self.log.iterations;
+                self.last_better = self.log.result.iterations;
             }
             self.keep(r, a, eta, None);
         }
         self.tell();
         if eta < 0.5 * self.halved {
             self.halved = eta;
-            self.last_halved = self.log.iterations;
+            self.last_halved = self.log.result.iterations;
         }
         self.check_limits()?;
         Ok(NextStep::Continue)
@@ -250,7 +248,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
     }
 
     fn tell(&self) {
-        let log = &self.log;
+        let log = &self.log.result;
         self.progress.tell(log.iterations, log.work, self.best);
     }
 
@@ -265,17 +263,16 @@ impl<'p, const D: usize> Monitor<'p, D> {
             return None;
         }
         let nothing = Certificate::new(self.problem, &vec![[0.0; D]; r.len()], a);
-        self.log.work += 2.0;
+        self.log.result.work += 2.0;
         nothing.converged(self.settings.tol).then_some(nothing)
     }
 
     /// Measures the rounding floor at `(r, a)`, for a residual that has stopped decreasing.
     pub fn measure_floor(&mut self, r: &[[f64; D]], a: &[f64]) {
         self.floor = Certificate::new(self.problem, r, a).floor;
-        self.log.work += 2.0;
+        self.log.result.work += 2.0;
     }
 
-    /// The last measured rounding floor of η.
     pub fn floor(&self) -> f64 {
         self.floor
     }
@@ -287,28 +284,27 @@ impl<'p, const D: usize> Monitor<'p, D> {
 
     /// Ends the solve: this motion proves that no reactions balance the loads.
     pub fn exclude_reactions(&mut self, motion: Vec<f64>) -> Ended {
-        self.log.free_motion = motion;
+        self.log.result.free_motion = motion;
         Ended::Stopped(Outcome::NoEquilibrium)
     }
 
     /// Ends the solve: no statuses of the contacts are a solution.
     pub fn exhaust_statuses(&mut self) -> Ended {
-        self.log.statuses_tried = enumerate::statuses(&self.problem.law);
+        self.log.result.statuses_tried = enumerate::statuses(&self.problem.law);
         Ended::Stopped(Outcome::NoEquilibrium)
     }
 
-    /// The time that is left.
     pub fn seconds_left(&self) -> f64 {
         self.settings.max_seconds - self.started.elapsed().as_secs_f64()
     }
 
     fn check_limits(&self) -> Result<(), Ended> {
         Err(Ended::Stopped(
-            if self.log.iterations >= self.settings.max_iterations {
+            if self.log.result.iterations >= self.settings.max_iterations {
                 Outcome::IterationLimit
             } else if self.started.elapsed().as_secs_f64() > self.settings.max_seconds {
                 Outcome::TimeLimit
-            } else if self.log.iterations > self.last_better + tuning::monitor_patience() {
+            } else if self.log.result.iterations > self.last_better + tuning::monitor_patience() {
                 Outcome::Stalled
             } else {
                 return Ok(());
@@ -317,7 +313,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
     }
 
     pub fn into_log(mut self) -> Log<D> {
-        self.log.seconds = self.started.elapsed().as_secs_f64();
+        self.log.result.seconds = self.started.elapsed().as_secs_f64();
         self.log
     }
 }

@@ -35,7 +35,6 @@ pub enum Ended {
     Failed(Error),
 }
 
-/// The outcome of a method.
 pub fn outcome_of(ended: Result<(), Ended>) -> Result<Outcome, Error> {
     match ended {
         Ok(()) => Ok(Outcome::Stalled),

@@ -3,7 +3,6 @@
 use crate::error::Error;
 use crate::law::contact_law::{ContactLaw, require_coulomb};
 
-/// The algorithms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// The default: accelerated Gauss–Seidel, finished by Newton.
@@ -53,7 +52,6 @@ impl Method {
         ("pivoting", Method::Pivoting),
     ];
 
-    /// Its name.
     pub fn name(self) -> &'static str {
         let mut names = Self::NAMES.iter();
         names

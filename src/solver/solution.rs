@@ -55,31 +55,16 @@ pub(super) fn finish<const D: usize>(
     outcome: Outcome,
 ) -> Solution<D> {
     let log = monitor.into_log();
-    let certificate = log
-        .certificate
-        .unwrap_or_else(|| Certificate::new(problem, &log.best_reaction, &log.best_rigid));
-    let mut solution = Solution {
-        outcome: match (certificate.converged(settings.tol), outcome) {
-            (_, Outcome::NoEquilibrium) => outcome, // it was proved
-            (true, _) => Outcome::Converged,
-            (false, Outcome::Converged) => Outcome::Stalled,
-            (false, _) => outcome,
-        },
-        free_motion: log.free_motion,
-        statuses_tried: log.statuses_tried,
-        iterations: log.iterations,
-        work: log.work,
-        history: log.history,
-        seconds: log.seconds,
-        ..Solution::default()
+    let (r, rigid, mut solution) = (log.best_reaction, log.best_rigid, log.result);
+    let known = log.certificate;
+    let certificate = known.unwrap_or_else(|| Certificate::new(problem, &r, &rigid));
+    solution.outcome = match (certificate.converged(settings.tol), outcome) {
+        (_, Outcome::NoEquilibrium) => outcome, // it was proved
+        (true, _) => Outcome::Converged,
+        (false, Outcome::Converged) => Outcome::Stalled,
+        (false, _) => outcome,
     };
-    solution.put(
-        problem,
-        settings,
-        &log.best_reaction,
-        log.best_rigid,
-        &certificate,
-    );
+    solution.put(problem, settings, &r, rigid, &certificate);
     solution
 }
 
@@ -101,19 +86,13 @@ impl<const D: usize> Solution<D> {
             .map(|((r, v), law)| within_range(bipotential::gap(r, v, *law)))
             .collect();
         // r = 0 is open, for any rounding of r̂ − ṽ̂ at a grazing contact; with cohesion r_n = 0.
-        let status: Vec<Status> = r
-            .iter()
-            .zip(&certificate.status)
-            .zip(&problem.law)
-            .map(|((r, &s), law)| {
-                let least = if law.cohesion > 0.0 { 1 } else { D };
-                if r[..least].iter().all(|&c| c == 0.0) {
-                    Status::Open
-                } else {
-                    s
-                }
-            })
-            .collect();
+        let mut status = certificate.status.clone();
+        for (i, status) in status.iter_mut().enumerate() {
+            let least = if problem.law[i].cohesion > 0.0 { 1 } else { D };
+            if r[i][..least].iter().all(|&c| c == 0.0) {
+                *status = Status::Open;
+            }
+        }
         let whole = problem.compliance;
         self.reaction = whole.scatter(r);
         self.relative_displacement = whole.scatter(&certificate.v);

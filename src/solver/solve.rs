@@ -149,7 +149,6 @@ fn run_from<const D: usize>(
     run_method(problem, settings.method, start, monitor, sequence)
 }
 
-/// Calls the method.
 fn run_method<const D: usize>(
     problem: &Reduced<D>,
     method: Method,

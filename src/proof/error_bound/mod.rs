@@ -75,7 +75,6 @@ impl Reason {
     }
 }
 
-/// The kinds of bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BoundKind {
     /// There is one solution, within this distance.
@@ -121,7 +120,6 @@ pub struct Bound<const D: usize> {
 }
 
 impl<const D: usize> Bound<D> {
-    /// The result without a bound.
     fn none(self, reason: Reason) -> Self {
         Self {
             kind: BoundKind::NotAvailable(reason),
@@ -402,7 +400,6 @@ impl<const D: usize> Prepared<D> {
         (v, error)
     }
 
-    /// The laws in the scaled variables.
     fn laws(&self, problem: &Reduced<D>) -> Vec<ContactLaw> {
         let laws = problem.law.iter().zip(&self.units.to_r);
         laws.map(|(law, &to_r)| law.scaled(times_two_to(1.0, to_r)))

@@ -63,7 +63,6 @@ fn follow<const D: usize>(
 /// Reactions and relative displacements.
 type Pair<const D: usize> = (Vec<[f64; D]>, Vec<[f64; D]>);
 
-/// A path in progress.
 struct InteriorPath<'s, 'p, const D: usize> {
     system: &'s System<'p, D>,
     first: f64,
@@ -261,7 +260,6 @@ fn pairing<const D: usize>(x: &[(Vector<D>, Vector<D>)], y: &[(Vector<D>, Vector
     pairs.map(|(x, y)| x.0.dot(&y.0) + x.1.dot(&y.1)).sum()
 }
 
-/// The largest of the pairs.
 fn farthest<const D: usize>(pairs: &[(Vector<D>, Vector<D>)]) -> f64 {
     let squares = pairs
         .iter()

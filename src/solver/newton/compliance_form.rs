@@ -20,7 +20,7 @@ use crate::linalg::sparse::sparse_lu::{Analysis, SparseLu};
 use crate::reduced::compliance::Whole;
 use crate::reduced::reduced::Reduced;
 use crate::solver::bordered::Border;
-use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
+use crate::solver::newton::linearisation::{Linearisation, cut, factorisation_cost};
 use crate::solver::tuning;
 use crate::tasks;
 
@@ -71,7 +71,6 @@ pub struct ClosedContact<const D: usize> {
     value: Vector<D>,
 }
 
-/// The system.
 #[derive(Debug)]
 pub struct ComplianceForm<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
@@ -127,7 +126,6 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         }
     }
 
-    /// Number of unknowns.
     pub fn order(&self) -> usize {
         self.contact + self.problem.scaling.modes.len()
     }
@@ -214,13 +212,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         let modes = &self.problem.scaling.modes;
         let mut matrix = pages::zeros(n * n);
         let (contact, border) = matrix.split_at_mut(self.contact * n);
-        let mut of_rows: Vec<(&ClosedContact<D>, &mut [f64])> = Vec::with_capacity(self.rows.len());
-        let mut rest = contact;
-        for row in &self.rows {
-            let (own, after) = rest.split_at_mut(row.width * n);
-            of_rows.push((row, own));
-            rest = after;
-        }
+        let of_rows = cut(&self.rows, |row| row.width * n, contact);
         let scaling = &self.problem.scaling;
         tasks::for_each_together(of_rows, 16, |_, (row, out)| {
             let to_v = scaling.to_v[row.node];

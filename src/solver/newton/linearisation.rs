@@ -33,6 +33,20 @@ pub fn inversion_cost<const D: usize>(problem: &Reduced<D>) -> f64 {
         .sum()
 }
 
+/// Cuts the rows of a matrix into those of each contact, `size` numbers each.
+pub(super) fn cut<'m, T>(
+    contacts: &'m [T],
+    size: impl Fn(&T) -> usize,
+    mut rows: &'m mut [f64],
+) -> Vec<(&'m T, &'m mut [f64])> {
+    let own = |contact: &'m T| {
+        let (own, rest) = std::mem::take(&mut rows).split_at_mut(size(contact));
+        rows = rest;
+        (contact, own)
+    };
+    contacts.iter().map(own).collect()
+}
+
 /// `by_r dr + by_v dv = −value` at each contact, scaled.
 #[derive(Debug)]
 pub struct Linearisation<const D: usize> {

@@ -66,7 +66,6 @@ pub struct Near<const D: usize> {
 }
 
 impl<const D: usize> Near<D> {
-    /// The problem itself.
     pub fn nothing() -> Self {
         Self {
             shift: 0.0,
@@ -76,7 +75,6 @@ impl<const D: usize> Near<D> {
         }
     }
 
-    /// The problem with frozen laws.
     pub fn frozen(frozen: Vec<Frozen<D>>) -> Self {
         Self {
             frozen,
@@ -102,7 +100,6 @@ impl<const D: usize> Near<D> {
         Cow::Owned((0..v.len()).map(felt).collect())
     }
 
-    /// Its merit.
     pub fn merit(&self, problem: &Reduced<D>, at: &EvaluatedPoint<D>) -> f64 {
         let EvaluatedPoint { r, v, .. } = at;
         if self.frozen.is_empty() {

@@ -29,7 +29,6 @@ impl<const D: usize> RefinedPoint<D> {
     }
 }
 
-/// A correction of a point.
 #[derive(Clone, Debug)]
 struct RefinementStep<const D: usize> {
     /// The point after the correction.

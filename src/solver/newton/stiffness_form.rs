@@ -15,7 +15,7 @@ use crate::linalg::small::Vector;
 use crate::reduced::reduced::Reduced;
 use crate::solver::evaluated_point::EvaluatedPoint;
 use crate::solver::newton::compliance_form::{Solved, is_free};
-use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
+use crate::solver::newton::linearisation::{Linearisation, cut, factorisation_cost};
 use crate::tasks;
 
 /// Unknowns of one contact: components `from..D` of `dv̂`.
@@ -26,7 +26,6 @@ struct Unknowns {
     from: usize,
 }
 
-/// The system of one step.
 #[derive(Debug)]
 pub struct StiffnessForm<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
@@ -55,7 +54,6 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         }
     }
 
-    /// Number of unknowns.
     pub fn order(&self) -> usize {
         self.contact + self.problem.scaling.modes.len()
     }
@@ -161,13 +159,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         let scaling = &self.problem.scaling;
         let mut matrix = pages::zeros(n * n);
         let (contact, border) = matrix.split_at_mut(self.contact * n);
-        let mut of_unknowns: Vec<(&Unknowns, &mut [f64])> = Vec::new();
-        let mut rest = contact;
-        for u in &self.unknowns {
-            let (own, after) = rest.split_at_mut((D - u.from) * n);
-            of_unknowns.push((u, own));
-            rest = after;
-        }
+        let of_unknowns = cut(&self.unknowns, |u| (D - u.from) * n, contact);
         tasks::for_each_together(of_unknowns, 16, |_, (u, out)| {
             let at = &self.law.at[u.node];
             let to_r = scaling.to_r[u.node];

@@ -18,10 +18,8 @@ use crate::solver::tuning;
 /// The step ρ of the map (19) with a penalty, in units of the stiffness of each contact.
 pub type MapStep = fn(f64) -> f64;
 
-/// The step of the perturbed Lagrangian.
 pub const LAGRANGIAN: MapStep = |_| 1.0;
 
-/// The step of return mapping.
 pub const RETURN: MapStep = |penalty| penalty;
 
 /// The problem (20d) of a penalty and multipliers.

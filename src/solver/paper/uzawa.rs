@@ -20,7 +20,6 @@ use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
 
-/// The variants of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Variant {
     /// One projection of each node onto `K_μ`, (16).
