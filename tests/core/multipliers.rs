@@ -11,6 +11,7 @@ use bipot_rs::law::alart_curnier::linearised;
 use bipot_rs::law::cone::Status;
 use bipot_rs::linalg::small::Block;
 use bipot_rs::reduced::compliance::Compliance;
+use bipot_rs::solver::evaluated_point::EvaluatedPoint;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::newton::newton::{Near, run_near};
 use bipot_rs::solver::paper::multipliers::{LAGRANGIAN, RETURN, regularise};
@@ -41,22 +42,21 @@ fn penalised<const D: usize>(
     let mut monitor = Monitor::new(&problem, &settings, &GO, &progress);
     let contacts = case.q.len();
     let law = near(method, penalty, vec![[0.0; D]; contacts]);
-    let (mut r, mut rigid) = (vec![[0.0; D]; contacts], Vec::new());
-    let cold = law.merit(&problem, &r, &problem.relative_displacement(&r, &rigid));
+    let at = |r, rigid| EvaluatedPoint::new(&problem, r, rigid);
+    let cold = law.merit(&problem, &at(vec![[0.0; D]; contacts], Vec::new()));
     // Rounding of `ε v` is that of `v`, a few roundings of its terms, times ε.
     let enough = f64::max(1e-13, 3e-15 * penalty) * cold;
-    r = case.compliance.gather(start);
+    let mut here = at(case.compliance.gather(start), Vec::new());
     loop {
-        let v = problem.relative_displacement(&r, &rigid);
-        if law.merit(&problem, &r, &v) <= enough {
-            return case.compliance.scatter(&r);
+        let merit = law.merit(&problem, &here);
+        if merit <= enough {
+            return case.compliance.scatter(&here.r);
         }
-        let next = run_near(&problem, &law, &r, &rigid, enough, &mut monitor).unwrap();
+        let next = run_near(&problem, &law, &here.r, &here.rigid, enough, &mut monitor).unwrap();
         let Some(next) = next else {
-            let left = law.merit(&problem, &r, &v) / cold;
-            panic!("{method:?} {penalty} {left:e}")
+            panic!("{method:?} {penalty} {:e}", merit / cold)
         };
-        (r, rigid) = (next.r, next.rigid);
+        here = at(next.r, next.rigid);
     }
 }
 

@@ -12,6 +12,7 @@ use bipot_rs::linalg::small::Vector;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::reduced::residual::scaled_imbalance;
+use bipot_rs::solver::evaluated_point::EvaluatedPoint;
 use bipot_rs::solver::newton::compliance_form::{ComplianceForm, Solved};
 use bipot_rs::solver::newton::linearisation::{Linearisation, factorisation_cost};
 use bipot_rs::solver::newton::refine::{RefinedPoint, forward_change, forward_error, refine};
@@ -64,8 +65,12 @@ impl<const D: usize> Point<D> {
 
     fn in_displacements(&self, problem: &Reduced<D>, law: &Linearisation<D>) -> Option<Solved<D>> {
         let form = StiffnessForm::new(problem, law);
-        let from = (self.r.as_slice(), self.v.as_slice(), self.a.as_slice());
-        form.solve(from, &self.imbalance, &mut |_| (), &GO).unwrap()
+        let at = EvaluatedPoint {
+            r: self.r.clone(),
+            v: self.v.clone(),
+            rigid: self.a.clone(),
+        };
+        form.solve(&at, &self.imbalance, &mut |_| (), &GO).unwrap()
     }
 
     /// What a next point leaves of `value + by_r dr + by_v dv` and of the balance of
@@ -250,12 +255,8 @@ fn exact_point<const D: usize>(
     r: Vec<[f64; D]>,
     rigid: Vec<f64>,
 ) -> RefinedPoint<D> {
-    RefinedPoint {
-        v: problem.exact_displacement(&r, &rigid),
-        imbalance: scaled_imbalance(problem, &r),
-        r,
-        rigid,
-    }
+    let v = problem.exact_displacement(&r, &rigid);
+    RefinedPoint::new(problem, EvaluatedPoint { r, v, rigid })
 }
 
 /// Near a solution the size of a correction is the error, corrections lead back to the solution,
@@ -270,7 +271,7 @@ fn corrections_restore<const D: usize>(case: &mut Case<D>, seed: u64) {
         *value *= 1.0 + 1e-7 * rng.random_range(-1.0..1.0);
     }
     let moved = exact_point(&problem, off.clone(), rigid.clone());
-    let total = moved.v.clone();
+    let total = moved.at.v.clone();
     let (of_r, of_v) = forward_error(&problem, &moved, &[], &GO).unwrap().unwrap();
     // The law is linear so near to the solution; the solver leaves 1e-12, times its condition.
     let apart = difference(&off, &exact);
@@ -285,7 +286,7 @@ fn corrections_restore<const D: usize>(case: &mut Case<D>, seed: u64) {
     assert!((after.1 / of_v - 0.5).abs() <= 1e-3 && after.0.to_bits() == of_r.to_bits());
     let evaluate = |r, a| Ok(exact_point(&problem, r, a));
     let refined = refine(&problem, moved, evaluate, &GO).unwrap();
-    assert!(difference(&refined.r, &exact) <= 1e-10, "{seed}");
+    assert!(difference(&refined.at.r, &exact) <= 1e-10, "{seed}");
     let left = forward_error(&problem, &refined, &[], &GO)
         .unwrap()
         .unwrap();
@@ -300,7 +301,7 @@ fn corrections_restore<const D: usize>(case: &mut Case<D>, seed: u64) {
     let told = forward_change(&problem, &refined, &changes, &[], &GO)
         .unwrap()
         .unwrap();
-    let later = forward_change(&problem, &refined, &changes, &refined.v, &GO)
+    let later = forward_change(&problem, &refined, &changes, &refined.at.v, &GO)
         .unwrap()
         .unwrap();
     assert!((later.1 / told.1 - 0.5).abs() <= 1e-9);
