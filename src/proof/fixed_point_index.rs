@@ -90,15 +90,17 @@ fn margin<const D: usize>(
     nodes.clone().all(clear).then_some(margin)
 }
 
-/// The next point of Newton's method for (19), and the sign of the determinant of its system; `None`
-/// if it is nearly singular.
+/// A next point, and the sign of the determinant of its system.
+type Corrected<const D: usize> = (Vec<[f64; D]>, f64);
+
+/// The next point of Newton's method for (19); `None` if its system is nearly singular.
 fn newton_step<const D: usize>(
     problem: &Reduced<D>,
     nodes: Range<usize>,
     r: &[[f64; D]],
     v: &[[f64; D]],
     stop: &AtomicBool,
-) -> Result<Option<(Vec<[f64; D]>, f64)>, Error> {
+) -> Result<Option<Corrected<D>>, Error> {
     let of_contact = |i: usize| {
         let (r, v) = problem.scaling.scale(i, &r[i], &v[i]);
         (i, linearised(&r, &v, problem.law[i].mu))

@@ -295,7 +295,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
     /// `y += W dr` for some components of the reactions; reads only their columns.
     pub fn add_columns(&self, parts: Range<usize>, dr: &[[f64; D]], y: &mut [[f64; D]]) {
         self.each(dr, y, |island, dr, y| {
-            island.add_columns(parts.clone(), dr, y)
+            island.add_columns(parts.clone(), dr, y);
         });
     }
 

@@ -362,7 +362,9 @@ impl<'p, const D: usize> Normals<'p, D> {
     /// By how much tangential reactions displace pressed contacts.
     fn moved_along(&self, r: &[[f64; D]]) -> f64 {
         let mut along = r.to_vec();
-        along.iter_mut().for_each(|r| r[0] = 0.0);
+        for r in &mut along {
+            r[0] = 0.0;
+        }
         let mut moved = vec![[0.0; D]; r.len()];
         self.problem.compliance.product(&along, &mut moved);
         let pressed = moved.iter().zip(r);

@@ -352,7 +352,9 @@ fn within_cones<'r, const D: usize>(
         }
         within
     };
-    let Some(first) = (0..r.len()).find(|&i| inside(i) != r[i]) else {
+    #[expect(clippy::float_cmp, reason = "a reaction inside keeps its bits")]
+    let moves = |&i: &usize| inside(i) != r[i];
+    let Some(first) = (0..r.len()).find(moves) else {
         return Cow::Borrowed(r);
     };
     let mut within = r.to_vec();
