@@ -367,17 +367,12 @@ impl<const D: usize> Condensed<D> {
     pub fn free_part(&self, load: &[f64], prescribed: &[f64]) -> Result<FreePart<D>, Error> {
         let force = self.bodies.force(load, prescribed)?;
         let mut q = self.surface.gap.clone();
-        let mut size = q.clone();
-        for value in size.as_flattened_mut() {
-            *value = value.abs();
-        }
         let held = &self.surface.held;
         held.add_product(prescribed, q.as_flattened_mut());
-        held.add_absolute_product(prescribed, size.as_flattened_mut());
         for &i in self.surface.unmoved.iter() {
             // If a wall moves exactly onto the surface of a held node, it touches: the rest of
             // the sum is rounding, not penetration.
-            if q[i][0].abs() <= 4.0 * f64::EPSILON * size[i][0] {
+            if held.cancels(D * i, prescribed, self.surface.gap[i][0], q[i][0]) {
                 q[i][0] = 0.0;
             }
         }

@@ -202,11 +202,17 @@ impl<const D: usize> Frames<D> {
         }
     }
 
-    /// The part of `v` that does not depend on the unknowns: `B_f u_f + g`.
+    /// The part of `v` that does not depend on the unknowns: `B_f u_f + g`. Where a held node
+    /// follows an obstacle, it touches: what is left of `v_n` is rounding, not penetration.
     pub fn offsets(&self, gap: &[[f64; D]], prescribed: &[f64]) -> Vec<[f64; D]> {
+        let held = &self.prescribed;
         let mut offsets = gap.to_vec();
-        self.prescribed
-            .add_product(prescribed, offsets.as_flattened_mut());
+        held.add_product(prescribed, offsets.as_flattened_mut());
+        for (i, (frame, v)) in self.list.iter().zip(&mut offsets).enumerate() {
+            if !frame.free[0] && held.cancels(D * i, prescribed, gap[i][0], v[0]) {
+                v[0] = 0.0;
+            }
+        }
         offsets
     }
 

@@ -223,6 +223,12 @@ impl OwnedMatrix {
         }
     }
 
+    /// Whether `sum`, which is `start + (A x)_k`, is the rounding of its terms.
+    pub(crate) fn cancels(&self, k: usize, x: &[f64], start: f64, sum: f64) -> bool {
+        let terms = self.entries(k).map(|(j, a)| (a * x[j]).abs());
+        sum.abs() <= 4.0 * f64::EPSILON * (start.abs() + terms.sum::<f64>())
+    }
+
     /// `y += Aᵀ x`, rows compressed (`A x` for compressed columns).
     pub fn add_transposed_product(&self, x: &[f64], y: &mut [f64]) {
         for (k, &x) in x.iter().enumerate() {

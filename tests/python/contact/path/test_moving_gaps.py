@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
+from bipot_rs import fem
 from bipot_rs.contact.law.frames import frames, turn_frames
 from bipot_rs.contact.law.slip_check import measure_displacement
 from bipot_rs.theory import functionals, law
@@ -530,3 +531,26 @@ def test_loads_of_the_problem_need_an_explicit_load_for_one_step() -> None:
     # Otherwise the obstacles would stop moving without a message.
     with refused("gap is missing: the gaps of this problem have 4"):
         make(2, gaps=wall(2)[1]).follow()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_held_nodes_that_follow_an_oblique_obstacle_touch(engine: Any) -> None:
+    """A side that is moved by ``depth`` along the normal, as the plane is: a sum of rounding."""
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        angle, depth = rng.uniform(0, 2 * np.pi), rng.uniform(0.01, 0.1)
+        n = np.array([np.cos(angle), np.sin(angle)])
+        axes = np.array([[-n[1], n[0]], n]).T
+        mesh = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
+        mesh = mesh.morphed(*(lambda p, axis=axis: axis @ p for axis in axes))
+        body = fem.Body("block", mesh, fem.Material(1e3, 0.3))
+        contact = fem.Contact("block", "bottom", mu=0.3, plane=((0.0, 0.0), tuple(n)))
+        model = fem.assemble([body], [contact], [fem.Support("block", "left", (0, 1))])
+        gap = np.column_stack([model.gap - depth, np.zeros(len(model.gap))])
+        problem = model.problem(engine=engine)
+        (step,) = problem.solve(
+            None, model.prescribed([tuple(depth * n)]), gap=gap[None]
+        )
+        # The body moves as a whole, along with the plane.
+        moved = np.tile(depth * n, len(mesh.p.T))
+        np.testing.assert_allclose(step.displacement, moved, atol=1e-12)
