@@ -61,9 +61,18 @@ impl Statics {
         check_not_negative("cohesion", &cohesion)?;
         check_length("mu", friction.len(), count)?;
         check_length("cohesion", cohesion.len(), sizes.len())?;
+        let mut lengths = Vec::new();
+        if lengths.try_reserve_exact(motions).is_err() {
+            return Err(Error::Shape {
+                what: "the motions of R",
+                expected: rows.columns.len(),
+                found: motions,
+            });
+        }
+        lengths.resize(motions, 0.0);
         let mut statics = Self {
             rows: rows.select(Some),
-            lengths: vec![0.0; motions],
+            lengths,
             first,
             friction,
             cohesion,

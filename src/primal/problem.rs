@@ -531,7 +531,8 @@ fn motions_of(
     match complete(&mut about, matrix, &single, &settings, stop) {
         Ok(()) => Ok(about.motions),
         Err(Error::Multigrid { .. }) => Err(Error::NotIterative {
-            reason: "without coordinates, supports do not seem to hold each body: give coordinates",
+            reason: "without coordinates, supports do not seem to hold each body, or a rigid set \
+                     turns freely: give coordinates, or take the direct engine",
             dof: None,
         }),
         Err(other) => Err(other),

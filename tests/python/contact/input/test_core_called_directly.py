@@ -468,7 +468,7 @@ def test_no_panic(name: str) -> None:
             "contact 0 is out of range, or twice",
         ),
         (lambda: ENTRIES["Path"][0](tuple(x[:1] for x in ODD[-1])), "start"),
-        (lambda: called("Statics", 1, 2**64 - 1), "e has length 2, expected 1844"),
+        (lambda: called("Statics", 1, 2**64 - 1), "motions of R has length 1844"),
         # 2 (2⁶³ − 1) + 6 is 4 in 64 bits.
         (lambda: called("ConeSet", 2, np.array([2**63 - 1] * 2 + [6])), "sizes has"),
     ],
