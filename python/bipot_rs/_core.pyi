@@ -47,6 +47,7 @@ __all__ = [
     "connected",
     "diagonal",
     "dof_directions",
+    "find_outside",
     "follow",
     "free_motions",
     "is_sparse",
