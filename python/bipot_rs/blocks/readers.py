@@ -63,17 +63,13 @@ def read(path: str | os.PathLike[str], *, density: float = 1.0) -> BlockFile:
         try:
             data = json.loads(file.read_text(encoding="utf-8-sig"))
             whole = _read_json(data, density)
-        except (
-            AttributeError,
-            IndexError,
-            KeyError,
-            TypeError,
-            UnicodeDecodeError,
-            json.JSONDecodeError,
-        ) as error:
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise ValueError(f"{file} is not JSON: {error}") from None
+        except (AttributeError, IndexError, KeyError, TypeError) as error:
+            wrong = f"{error} is missing" if isinstance(error, KeyError) else error
             raise ValueError(
-                f"{file} cannot be read as an assembly of blocks: "
-                f"{type(error).__name__}, {error}"
+                f"{file} has neither an assembly, as compas.json_dump writes it, nor a list "
+                f"'blocks': {wrong}"
             ) from None
     elif suffix == ".obj":
         # Comments may have any encoding; a line may continue on the next one.
