@@ -4,11 +4,13 @@ import builtins
 import importlib
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from bipot_rs.petsc import library
+from bipot_rs.petsc.linear import options
 
 
 def fail_imports(monkeypatch: pytest.MonkeyPatch, errors: dict[str, Exception]) -> None:
@@ -68,3 +70,32 @@ def test_folders_with_real_numbers_come_first(
     monkeypatch.setattr(library, "_DEBIAN", tmp_path)
     folders = [str(Path(f).relative_to(tmp_path)) for f in library.list_folders()]
     assert folders == ["petsc3.20/b-real", "petsc3.18/a-real", "petsc3.18/a-complex"]
+
+
+def test_an_option_that_the_user_sets_later_is_of_the_user() -> None:
+    """Our defaults stay in the database of PETSc between problems."""
+    values: dict[str, str] = {}
+
+    class Options:
+        def __init__(self, prefix: str) -> None:
+            assert prefix == options.PREFIX
+
+        def hasName(self, name: str) -> bool:
+            return name in values
+
+        def setValue(self, name: str, value: object) -> None:
+            values[name] = str(value)
+
+        def getString(self, name: str, default: str) -> str:
+            return values.get(name, default)
+
+    database: Any = SimpleNamespace(Options=Options)
+    for _ in range(2):
+        assert options.set_defaults(database)["pc_type"] == "gamg"
+        assert not options.is_of_the_user(database, "pc_type")
+        assert options.smoother_is_ours(database)
+    values |= {"pc_type": "hypre", "mg_levels_pc_type": "sor"}
+    assert options.set_defaults(database)["pc_type"] == "hypre"
+    assert options.is_of_the_user(database, "pc_type")
+    assert not options.smoother_is_ours(database)
+    assert not options.is_of_the_user(database, "ksp_type")

@@ -23,18 +23,22 @@ GAMG = {
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
 }
-# Names of the options that have our values.
-_OURS: set[str] = set()
+# Options that we have set, which stay in the database of PETSc: a user may change them later.
+_OURS: dict[str, str] = {}
 
 
-def smoother_is_ours() -> bool:
+def smoother_is_ours(PETSc: ModuleType) -> bool:
     """Whether the user has not chosen the smoother of multigrid."""
-    return {"mg_levels_ksp_type", "mg_levels_pc_type"} <= _OURS
+    names = ("mg_levels_ksp_type", "mg_levels_pc_type")
+    return not any(is_of_the_user(PETSc, name) for name in names)
 
 
 def is_of_the_user(PETSc: ModuleType, name: str) -> bool:
     """Whether the user has set this option."""
-    return name not in _OURS and bool(PETSc.Options(PREFIX).hasName(name))
+    database = PETSc.Options(PREFIX)
+    if not database.hasName(name):
+        return False
+    return bool(database.getString(name, "") != _OURS.get(name))
 
 
 def set_defaults(PETSc: ModuleType) -> dict[str, str]:
@@ -47,6 +51,6 @@ def set_defaults(PETSc: ModuleType) -> dict[str, str]:
         for name, value in defaults.items():
             if not database.hasName(name):
                 database.setValue(name, value)
-                _OURS.add(name)
+                _OURS[name] = database.getString(name, str(value))
             settings[name] = database.getString(name, str(value))
     return settings

@@ -73,7 +73,7 @@ class Hierarchy:
         self.pc.setUp()
         if not self._smoothed:
             self._smoothed = True
-            if self.pc.getType() == "gamg" and options.smoother_is_ours():
+            if self.pc.getType() == "gamg" and options.smoother_is_ours(self._PETSc):
                 self._smooth_by_nodes()
 
     def _smooth_by_nodes(self) -> None:
