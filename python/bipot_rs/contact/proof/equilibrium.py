@@ -87,7 +87,7 @@ class LimitMultiplier:
         every dual cone, ``e1·a > 0``, and ``upper = (Σ c |v_t| - e0·a)/(e1·a)``. ``None``
         if ``upper`` is infinite. Where contacts hold each other without loads, a proof may
         exclude only reactions up to ``excluded`` times the loads; ``upper`` is then up to
-        about 1e-4 of the loads above the largest multiplier.
+        some 1e-3 of the loads above the largest multiplier.
     reached
         The largest multiplier with an answer of the contact law that was found; ``None``
         without one. Without compliance and free displacement (``W = 0``, ``q = 0``) it is
