@@ -106,7 +106,8 @@ pub fn decide(statics: &Statics, load: &[f64], limits: Limits) -> Result<Decisio
     Ok(whole)
 }
 
-fn decide_part(part: &Part, load: &[f64]) -> Result<Decision, Error> {
+/// [`decide`] for the loads of one group.
+pub(super) fn decide_part(part: &Part, load: &[f64]) -> Result<Decision, Error> {
     let mut decision = Decision::begin(part.statics, 0.0);
     if part.load_size() == 0.0 {
         return Ok(decision);

@@ -3,7 +3,7 @@
 //! A motion `d` with `R d` in the dual cones and `e₁·d > 0` bounds it: `0 ≥ e₀·d + λ e₁·d −
 //! Σ c‖v_t‖` for all reactions that balance `e₀ + λ e₁`.
 
-use crate::equilibrium::decide::{Decision, LARGEST, Verdict, decide};
+use crate::equilibrium::decide::{Decision, LARGEST, Verdict, decide, decide_part};
 use crate::equilibrium::part::Part;
 use crate::equilibrium::programme::Limits;
 use crate::equilibrium::proof::Witness;
@@ -109,7 +109,9 @@ pub fn find_limit(
         if !bounded.as_ref().is_some_and(|bound| bound.2.is_infinite()) {
             // Where contacts hold each other, or the dead load is on its limit, loads are asked.
             let ask = |tried: f64| -> Result<Option<Bound>, Error> {
-                let decision = decide(statics, &add(dead, tried, live), limits)?;
+                // Of this group alone: `bound` knows the cohesion of no other.
+                let load = add(dead, tried, live);
+                let decision = decide_part(&Part::new(statics, group, &load, limits), &load)?;
                 if decision.verdict != Verdict::None {
                     return Ok(None);
                 }
