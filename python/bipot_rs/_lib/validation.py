@@ -158,11 +158,8 @@ def csr(what: str, value: Any) -> Csr:
         matrix.sum_duplicates()
     with np.errstate(over="ignore"):
         data = np.require(matrix.data, np.float64, ["C", "A"])
-    with np.errstate(over="ignore", invalid="ignore"):
-        # A sum takes no memory; one that overflows decides nothing.
-        finite = bool(np.isfinite(data.sum()) or np.isfinite(data).all())
-    if not finite:
-        at = int(np.argmin(np.isfinite(data)))
+    at = _core.find_outside(data, -_LARGEST, _LARGEST)
+    if at is not None:
         row = int(np.searchsorted(matrix.indptr, at, side="right")) - 1
         # The same message as that of the core, which checks dense matrices.
         entry = "NaN" if np.isnan(data[at]) else data[at]
