@@ -5,8 +5,9 @@ The error of a library that is not installed says which extra installs it.
 
 from __future__ import annotations
 
+import ast
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
 
@@ -50,37 +51,42 @@ def load_library(name: str, *, extra: str = "io", need: str = "files") -> Module
         raise missing(error, need, name.partition(".")[0], extra) from None
 
 
-def lazily(
-    package: str,
-    names: Mapping[str, Sequence[str]],
-    modules: Mapping[str, str] | None = None,
-) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+def lazily(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Make ``__getattr__`` and ``__dir__`` of a package.
 
-    ``package``: ``__name__`` of the package.
-    ``names``: names that the package exports, by the absolute name of the module with them.
-    ``modules``: exported modules: name of the attribute, absolute name of the module.
+    The names are those that its source imports for type checkers, ``if TYPE_CHECKING``. Each is
+    imported when it is first used.
     """
-    places = {name: module for module, exported in names.items() for name in exported}
-    whole = dict(modules or {})
+    spec = sys.modules[package].__spec__
+    source = spec.loader.get_source(package)  # type: ignore[union-attr]
+    imports = [
+        node
+        for block in ast.parse(source).body
+        if isinstance(block, ast.If)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+    ]
+    places = {
+        alias.asname or alias.name: (str(node.module), alias.name)
+        for node in imports
+        for alias in node.names
+    }
 
     def getattr_(name: str) -> object:
-        module = whole.get(name) or places.get(name)
-        if module is None:
+        if name not in places:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        module, there = places[name]
         try:
-            loaded = import_module(module)
+            members = vars(import_module(module))
+            # Also a module of a package.
+            value = members.get(there) or import_module(f"{module}.{there}")
         except MissingLibraryError:
             raise
         except ModuleNotFoundError as error:
             what = f"{package}.{name} and what uses it"
             raise missing(error, what, error.name or "", "cli") from None
-        value = loaded if name in whole else getattr(loaded, name)
         # Python does not call this function for an attribute that exists.
         setattr(sys.modules[package], name, value)
         return value
 
-    def dir_() -> list[str]:
-        return sorted({*places, *whole})
-
-    return getattr_, dir_
+    return getattr_, lambda: sorted(places)

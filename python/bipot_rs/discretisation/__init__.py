@@ -21,6 +21,4 @@ __all__ = [
     "discretisation_error",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__, {"bipot_rs.discretisation.estimator": tuple(__all__)}
-)
+__getattr__, __dir__ = lazily(__name__)

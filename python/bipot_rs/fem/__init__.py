@@ -56,31 +56,4 @@ __all__ = [
     "with_surfaces",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "bipot_rs.contact.law.frames": ("frames",),
-        "bipot_rs.fem.assembly.assemble": ("assemble",),
-        "bipot_rs.fem.assembly.assembly": ("Assembly", "Support"),
-        "bipot_rs.fem.bodies.body": ("Body",),
-        "bipot_rs.fem.bodies.boundary": (
-            "Spring",
-            "Symmetry",
-            "surface",
-            "with_surfaces",
-        ),
-        "bipot_rs.fem.contact.contact": ("Contact", "Floating"),
-        "bipot_rs.fem.bodies.elasticity": ("stiffness",),
-        "bipot_rs.fem.bodies.loads": ("Load",),
-        "bipot_rs.fem.bodies.materials": ("Material", "Orthotropic"),
-        "bipot_rs.fem.gradients.parameter_gradient": ("ParameterGradient",),
-        "bipot_rs.fem.constraints.bolts": ("Bolt",),
-        "bipot_rs.fem.constraints.references": ("Remote",),
-        "bipot_rs.fem.constraints.repetition": ("Cyclic", "Periodic"),
-        "bipot_rs.fem.bodies.stress_recovery": ("stress", "thermal", "von_mises"),
-        "bipot_rs.mesh.boxes": ("FACES", "box"),
-        "bipot_rs.mesh.elements": ("second_order",),
-        "bipot_rs.mesh.quality": ("check_mesh",),
-        "bipot_rs.mesh.readers": ("read_mesh", "read_meshes"),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

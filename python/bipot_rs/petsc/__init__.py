@@ -14,10 +14,4 @@ if TYPE_CHECKING:
 
 __all__ = ["ContactProblem", "Result", "Step"]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "bipot_rs.petsc.problem": ("ContactProblem",),
-        "bipot_rs.petsc.result": ("Result", "Step"),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

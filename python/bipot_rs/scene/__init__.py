@@ -27,16 +27,4 @@ __all__ = [
     "text",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "bipot_rs.scene.build": (
-            "LoadHistory",
-            "bodies",
-        ),
-        "bipot_rs.scene.case": ("Case", "assemble"),
-        "bipot_rs.scene.library": ("shipped", "text"),
-        "bipot_rs.scene.mistakes": ("Mistake", "MistakeKind", "SceneError"),
-        "bipot_rs.scene.reading": ("check", "parse", "put", "read"),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

@@ -16,10 +16,4 @@ if TYPE_CHECKING:
 
 __all__ = ["Contacts", "Soil", "Structure"]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "bipot_rs.theory.soil_body": ("Soil",),
-        "bipot_rs.theory.structure": ("Contacts", "Structure"),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)
