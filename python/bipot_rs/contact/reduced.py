@@ -35,9 +35,8 @@ from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.proof.equilibrium import describe_friction, name_friction
 from bipot_rs.contact.results import summary
-from bipot_rs.contact.results.core_answer import find_opening, make_solution
 from bipot_rs.contact.results.error_bound import ErrorBound, read_error_bound
-from bipot_rs.contact.results.solution import Solution
+from bipot_rs.contact.results.solution import Solution, find_opening, make_solution
 
 # Most problems are only solved: methods for anything else import what they need.
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Ints
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.contact.surfaces import ContactSurface
+from bipot_rs.fem.contact.contact import ContactSurface
 from bipot_rs.files.result_mesh import Cells, ResultMesh
 
 # Share of the area of a node that no picture shows.

@@ -25,7 +25,7 @@ from bipot_rs.contact.results.derivatives import (
 )
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.sensitivity.laws import Laws
-from bipot_rs.contact.sensitivity.linear_path import LinearPath
+from bipot_rs.contact.sensitivity.linear import LinearPath
 from bipot_rs.contact.sensitivity.model import (
     PathChange,
     PathModel,

@@ -17,8 +17,8 @@ from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.iterative import UncondensedStep
 from bipot_rs.contact.path.springs import Springs
-from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.solution import Step as WholeStep
+from bipot_rs.contact.results.solution import make_newton_step
 from bipot_rs.petsc.linear.solver import LinearSolver
 from bipot_rs.petsc.operator import Operator, SharedPlaces
 from bipot_rs.petsc.result import Step

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import analytic, fem
-from bipot_rs.fem.contact.surfaces import ContactSurface
+from bipot_rs.fem.contact.contact import ContactSurface
 from support.boxes import placed
 from support.comparisons import near, refused
 from support.halfspace import body, grid, mirrored

@@ -20,13 +20,12 @@ from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.moving_gaps import rotate
-from bipot_rs.contact.results.core_answer import make_step
 from bipot_rs.contact.results.error_bound import (
     ErrorBound,
     make_unavailable,
     read_error_bound,
 )
-from bipot_rs.contact.results.solution import Solution, Step
+from bipot_rs.contact.results.solution import Solution, Step, make_step
 
 # Most paths are solved: only one that fails is diagnosed.
 if TYPE_CHECKING:

@@ -27,9 +27,8 @@ from bipot_rs.contact.path.springs import (
     number_by_nodes,
     turn_tangents,
 )
-from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.error_bound import ErrorBound, make_unavailable
-from bipot_rs.contact.results.solution import Recovery, Solution, Step
+from bipot_rs.contact.results.solution import Recovery, Solution, Step, make_newton_step
 
 
 @dataclass

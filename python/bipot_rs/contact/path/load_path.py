@@ -45,11 +45,17 @@ from bipot_rs.contact.path.moving_gaps import (
     rotate,
 )
 from bipot_rs.contact.proof.equilibrium import describe_friction, name_friction
-from bipot_rs.contact.results.core_answer import find_opening, make_step
 from bipot_rs.contact.results.derivatives import PathDerivatives
 from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
-from bipot_rs.contact.results.solution import Computed, Recovery, Step, revise
+from bipot_rs.contact.results.solution import (
+    Computed,
+    Recovery,
+    Step,
+    find_opening,
+    make_step,
+    revise,
+)
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start

@@ -26,10 +26,14 @@ from bipot_rs._lib.types import (
 )
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames
-from bipot_rs.contact.law.slip_check import find_farthest, measure_distances
 from bipot_rs.contact.results import summary, tables
-from bipot_rs.contact.results.contact_data import ContactData
-from bipot_rs.contact.results.contact_fields import list_instants, make_path_fields
+from bipot_rs.contact.results.contact_fields import (
+    ContactData,
+    find_farthest,
+    list_instants,
+    make_path_fields,
+    measure_distances,
+)
 from bipot_rs.contact.results.derivatives import (
     LOST,
     Cotangents,
@@ -47,7 +51,7 @@ from bipot_rs.files.result_mesh import ResultMesh
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from bipot_rs.contact.results.contact_data import ContactArrays
+    from bipot_rs.contact.results.contact_fields import ContactArrays
 
 # Attributes of a file whose stiffness has a known relative error.
 OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")

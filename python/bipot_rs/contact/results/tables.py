@@ -18,7 +18,7 @@ from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.summary import describe_statuses
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.results.contact_data import ContactArrays
+    from bipot_rs.contact.results.contact_fields import ContactArrays
 
 COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
 # Number of contacts that have lost their cohesion.

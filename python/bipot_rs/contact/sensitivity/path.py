@@ -18,7 +18,7 @@ from bipot_rs.contact.sensitivity.model import PathModel
 # linearisation.
 if TYPE_CHECKING:
     from bipot_rs.contact.results.result import Result
-    from bipot_rs.contact.sensitivity.linear_path import LinearPath
+    from bipot_rs.contact.sensitivity.linear import LinearPath
 
 T = TypeVar("T")
 
@@ -50,7 +50,7 @@ class Differentiable:
 
         Where the solver of the iterative engine stalls, the direct engine replaces it.
         """
-        from bipot_rs.contact.sensitivity.linear_path import LinearPath
+        from bipot_rs.contact.sensitivity.linear import LinearPath
         from bipot_rs.contact.sensitivity.response import Stalled
 
         path = self.linearised

@@ -17,8 +17,7 @@ from bipot_rs.contact.results.derivatives import (
     Tangent,
 )
 from bipot_rs.contact.sensitivity.directional import differentiate_step
-from bipot_rs.contact.sensitivity.linear import StepChange
-from bipot_rs.contact.sensitivity.linear_path import LinearPath
+from bipot_rs.contact.sensitivity.linear import LinearPath, StepChange
 from bipot_rs.contact.sensitivity.model import (
     PathChange,
     check_changes,

@@ -46,14 +46,14 @@ from bipot_rs.fem.constraints.inclined_supports import Planes
 from bipot_rs.fem.constraints.references import (
     Reference,
     Remote,
+    distributed_force,
     prescribed_values,
     reference_named,
     with_points,
 )
 from bipot_rs.fem.constraints.ties import Ties
-from bipot_rs.fem.contact.contact import Contact
+from bipot_rs.fem.contact.contact import Contact, ContactSurface
 from bipot_rs.fem.contact.meeting import follow_obstacle, frames_of_steps
-from bipot_rs.fem.contact.surfaces import ContactSurface
 from bipot_rs.obstacle.motion import Motion
 
 if TYPE_CHECKING:
@@ -655,8 +655,6 @@ class Assembly:
         forces = np.zeros(self.n)
         for remote in self.remotes:
             if remote.name == load.name and remote.distributed:
-                from bipot_rs.fem.constraints.distributed_force import distributed_force
-
                 numbered = self.numbered[remote.body]
                 forces[numbered.span] = distributed_force(
                     numbered.body, remote, load.force, load.moment

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.law.slip_check import (
+from bipot_rs.contact.path.moving_gaps import list_components
+from bipot_rs.contact.results.contact_fields import (
     find_farthest,
     measure_displacement,
     measure_distances,
 )
-from bipot_rs.contact.path.moving_gaps import list_components
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.stress_recovery import MeanStress
@@ -27,7 +27,7 @@ from bipot_rs.fem.checks.free_bodies import (
     has_friction,
     list_unsupported,
 )
-from bipot_rs.fem.contact.surfaces import ContactSurface
+from bipot_rs.fem.contact.contact import ContactSurface
 from bipot_rs.fem.tuning import (
     LARGE_LOAD,
     LEAST_IN_PASCAL,

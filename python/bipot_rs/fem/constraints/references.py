@@ -8,6 +8,8 @@ nodes of the bodies in the numbering, and have no stiffness of their own.
 A node at x of a rigid set follows ``u = a + θ × (x - p)``, with the translation a of the
 point p. An obstacle that moves by a changes the relative displacement of its contacts by
 ``-a``, so that (1) in its row is the balance of its force with the contact forces.
+
+A part that may deform has no reference point: its force and moment are distributed over it.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.bodies.body import Body, Box, NumberedBodies
+from bipot_rs.fem.bodies.body import Body, Box, NumberedBodies, Quadrature
+from bipot_rs.fem.bodies.elasticity import nodal_forces
 from bipot_rs.fem.constraints.bolts import Cut
 from bipot_rs.fem.constraints.ties import Relations, Ties
 from bipot_rs.fem.contact.contact import Contact, Floating, rigid_obstacle
@@ -34,6 +37,8 @@ _FLAT = 1e-6
 # Where a set turns freely about a point at D times its extent, translation and rotation of
 # the point cancel: the stiffness loses D², and at this ratio displacements keep 8 digits.
 _FAR = 1e4
+# Part of a moment that the extent of the set cannot carry, relative to the moment.
+_LOST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -469,3 +474,60 @@ def _rigid(
         whole=body.name if len(nodes) == len(body.points) else None,
     )
     return made, relations
+
+
+def distributed_force(
+    body: Body, remote: Remote, force: ArrayLike | None, moment: ArrayLike | None
+) -> Floats:
+    """Nodal forces ``(dim * nodes,)`` with a given resultant at the reference point.
+
+    The density ``a + b × (x - c)`` per area of a surface or per volume, with the centre c of
+    the part, has the resultant force ``a A`` and about c the moment ``J b``; among all
+    densities with this resultant it is the smallest in the mean square.
+
+    ``body, remote``: the remote, with ``distributed``, and its body.
+    ``force, moment``: at the reference point, ``(d,)`` [N], and ``(3,)`` or in the plane a
+    number [N m].
+    Raises `ValueError`: a wrong shape, a moment without an arm, or a part without facets or
+    cells.
+    """
+    d = body.dim
+    what = f"of the remote {remote.name!r}"
+    push, turn = read_resultant(what, force, moment, d)
+    points = _part(body, remote)
+    weights = body.depth * points.weights.ravel()
+    places = points.places.reshape(d, -1).T
+    centre = weights @ places / weights.sum()
+    lever = set_of(body, remote)[1] - centre
+    # The moment about the centre includes that of the force at the point.
+    about = turn + rotations(lever[None])[0].T @ push
+    density = np.tile(push / weights.sum(), (len(places), 1))
+    if about.any():
+        fields = rotations(places - centre)
+        J = np.einsum("i,ikr,iks->rs", weights, fields, fields)
+        b = np.linalg.lstsq(J, about, rcond=_LOST**2)[0]
+        if np.abs(J @ b - about).max() > _LOST * np.abs(about).max():
+            raise ValueError(
+                f"moment {what} has a component about the line on which the whole part "
+                "lies, where it has no arm: choose a wider part, or leave it out"
+            )
+        density = density + fields @ b
+    return nodal_forces(body, points, density.T.reshape(points.places.shape))
+
+
+def _part(body: Body, remote: Remote) -> Quadrature:
+    """Quadrature on the facets or cells of the part, those with all nodes selected."""
+    if remote.part is not None and remote.part in (body.mesh.boundaries or {}):
+        points = body.surface(remote.part)
+    else:
+        points = body.volume()
+        if remote.part is not None:
+            points = points.some(body.volume_cells(remote.part))
+    nodes = body.members(remote.part, remote.within)
+    chosen = np.flatnonzero(np.isin(points.corners, nodes).all(axis=1))
+    if not chosen.size:
+        raise ValueError(
+            f"the remote {remote.name!r} has no facet or cell with all nodes within its "
+            "ranges: widen within"
+        )
+    return points.some(chosen)

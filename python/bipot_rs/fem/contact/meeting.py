@@ -14,11 +14,14 @@ from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs.contact.law.frames import frames, operator, turn_frames
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.bodies.body import NumberedBodies, NumberedBody
-from bipot_rs.fem.contact.contact import Contact, both, refuse_itself, rigid_obstacle
-from bipot_rs.fem.contact.surfaces import (
+from bipot_rs.fem.contact.contact import (
+    Contact,
     ContactSurface,
+    both,
     evaluate_clearance,
+    refuse_itself,
     refuse_negative_areas,
+    rigid_obstacle,
     split_clearance,
 )
 from bipot_rs.fem.tuning import ALL_PAIRS

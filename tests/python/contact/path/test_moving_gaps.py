@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.contact.law.frames import frames, turn_frames
-from bipot_rs.contact.law.slip_check import measure_displacement
+from bipot_rs.contact.results.contact_fields import measure_displacement
 from bipot_rs.theory import functionals, law
 from support.bodies import Body, block
 from support.comparisons import bits, near, refused
