@@ -22,20 +22,18 @@ from bipot_rs.cli.commands import (
     info,
     new,
     plot,
-    plot_sweep,
     run,
     scenes,
     schema,
     solve,
     sweep,
-    sweep_join,
 )
 from bipot_rs.cli.exit_codes import BAD_INPUT, Ended
 from bipot_rs.cli.interrupts import Interrupts
 
 
 class Command(Protocol):
-    """A module of `cli.commands`."""
+    """A module of `cli.commands`, or a class there for another form of the command."""
 
     SUMMARY: str
     DETAILS: str
@@ -62,7 +60,7 @@ COMMANDS: dict[str, Command] = {
     "schema": schema,
 }
 # Forms of a command with arguments of their own.
-FORMS: dict[str, Command] = {"sweep --join": sweep_join, "plot --x --y": plot_sweep}
+FORMS: dict[str, Command] = {"sweep --join": sweep.Join, "plot --x --y": plot.OfSweep}
 
 
 def choose_form(words: Sequence[str]) -> str:
@@ -73,7 +71,7 @@ def choose_form(words: Sequence[str]) -> str:
     if name == "plot":
         options = {word.partition("=")[0] for word in others}
         if options & {"--x", "--y"} or any(
-            plot_sweep.is_sweep(Path(word)) for word in others
+            plot.is_sweep(Path(word)) for word in others
         ):
             return "plot --x --y"
     return name
