@@ -17,11 +17,10 @@ from bipot_rs._lib.messages import count_noun, instead
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
-from bipot_rs.scene.schema.contact import Bar, Ring, Touch, Turn
+from bipot_rs.scene.schema.contact import Bar, CyclicTable, Ring, Touch, Turn
 from bipot_rs.scene.schema.mesh import BodyTable, Within
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import AXES, LARGEST, NAME, Components
-from bipot_rs.scene.schema.tie import CyclicTable
 from bipot_rs.scene.units import find_inconsistency
 
 # Numbers of the law of a contact beside its friction.

@@ -7,7 +7,14 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag
 
 from bipot_rs._lib.messages import count_noun
-from bipot_rs.scene.schema.contact import Rigid, Touch
+from bipot_rs.scene.schema.contact import (
+    BoltTable,
+    CyclicTable,
+    PeriodicTable,
+    RemoteTable,
+    Rigid,
+    Touch,
+)
 from bipot_rs.scene.schema.load import (
     BodyForce,
     Foundation,
@@ -19,8 +26,7 @@ from bipot_rs.scene.schema.load import (
     Traction,
     WearTable,
 )
-from bipot_rs.scene.schema.material import Elastic
-from bipot_rs.scene.schema.mesh import BodyTable, Mesh
+from bipot_rs.scene.schema.mesh import BodyTable, Elastic, Mesh
 from bipot_rs.scene.schema.table import (
     AXES,
     KIND,
@@ -29,7 +35,6 @@ from bipot_rs.scene.schema.table import (
     no_entries,
     no_tables,
 )
-from bipot_rs.scene.schema.tie import BoltTable, CyclicTable, PeriodicTable, RemoteTable
 
 # Cells of an element, by dimension.
 _CARRIES = {
