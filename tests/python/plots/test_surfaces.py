@@ -12,7 +12,7 @@ from PIL import Image
 
 import bipot_rs as bp
 from bipot_rs import fem, plots
-from bipot_rs.cli.study.report import _print
+from bipot_rs.cli.study.folder import _print
 from bipot_rs.plots import style as canvas
 from support import places
 from support.layout import overlaps

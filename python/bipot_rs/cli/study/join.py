@@ -13,16 +13,18 @@ from bipot_rs.cli.progress import complain
 from bipot_rs.cli.run.output_folder import RESULT, SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study.folder import (
     MISSING,
+    group_rows,
     make_folder,
+    print_study,
     read,
     read_record,
     row_folder,
     set_aside,
+    summarise_rows,
     write,
     write_record,
 )
 from bipot_rs.cli.study.plan import FOLDERS, StudyPart, StudyRecord, list_rows, part
-from bipot_rs.cli.study.report import group_rows, print_study, summarise_rows
 
 _NO_PART = "its part was not joined"
 

@@ -13,8 +13,13 @@ from bipot_rs._lib.messages import count_noun, meant
 from bipot_rs._lib.text_files import real
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.run.output_folder import SWEEP, SWEEP_RECORD
-from bipot_rs.cli.study.folder import OUTCOME_OF, PRESSURE, read, read_record
-from bipot_rs.cli.study.report import group_rows
+from bipot_rs.cli.study.folder import (
+    OUTCOME_OF,
+    PRESSURE,
+    group_rows,
+    read,
+    read_record,
+)
 from bipot_rs.contact.results.tables import COMPONENTS, FORCES, MOMENTS, TORQUE
 from bipot_rs.plots import style
 

@@ -21,12 +21,13 @@ from bipot_rs.cli.study.folder import (
     earlier,
     has_result,
     make_folder,
+    print_study,
     set_aside,
+    summarise_rows,
     write,
     write_record,
 )
 from bipot_rs.cli.study.plan import Study, StudyPart, deal, format_settings, plan
-from bipot_rs.cli.study.report import print_study, summarise_rows
 from bipot_rs.cli.study.row import Row, peak, solve, solve_as
 from bipot_rs.cli.study.workers import Workers
 from bipot_rs.scene.library import shipped
