@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bipot_rs import scene
 from bipot_rs.discretisation import discretisation_error
-from bipot_rs.plots.error_map import draw
+from bipot_rs.plots.run_figure import draw_error
 
 HERE = Path(__file__).parent
 HEAD = "| scene | mu | n |"
@@ -35,7 +35,9 @@ def main() -> None:
     figure = Figure(figsize=(13.0, 4.0), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=[2.0, 1.2])
     model = case.model
-    draw(left, model.nodes, model.cells, error.cells, contacts=model.points, unit="mm")
+    draw_error(
+        left, model.nodes, model.cells, error.cells, contacts=model.points, unit="mm"
+    )
     left.suptitle(f"cattaneo_mindlin, n = 10: {error.kind}, {error.relative:.1%}")
     axes = right.subplots()
     curves: dict[tuple[str, str], list[tuple[float, float, float]]] = {}

@@ -16,10 +16,9 @@ Derivatives: `sensitivity`. Solver: `convergence`. By name: `plot`; all load ste
 `animate`.
 """
 
-from bipot_rs.plots.animation import animate
 from bipot_rs.plots.blocks import blocks
 from bipot_rs.plots.body import deformed
-from bipot_rs.plots.by_name import plot
+from bipot_rs.plots.by_name import animate, plot
 from bipot_rs.plots.convergence import convergence
 from bipot_rs.plots.line import tractions
 from bipot_rs.plots.path import (

@@ -15,7 +15,7 @@ from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.mesh.kinds import OF_VTK
 from bipot_rs.plots import style
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
-from bipot_rs.plots.geometry.triangles import (
+from bipot_rs.plots.triangles import (
     deformed_nodes,
     sharp_edges,
     skin,

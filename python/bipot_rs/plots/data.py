@@ -16,7 +16,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Solution, Step
-from bipot_rs.plots.geometry import triangles
+from bipot_rs.plots import triangles
 from bipot_rs.scene.units import find_inconsistency
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from bipot_rs._lib.types import Floats, Integers
 from bipot_rs.contact.law.contact_law import dissipation
 from bipot_rs.contact.law.status import Status
 from bipot_rs.plots import style
+from bipot_rs.plots.arc_length import Places, common
 from bipot_rs.plots.data import ContactsArgument, DrawnContacts, look
-from bipot_rs.plots.geometry.arc_length import Places, common
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

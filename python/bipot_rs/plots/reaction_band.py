@@ -13,8 +13,8 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.proof.reaction_range import ReactionRange
 from bipot_rs.plots import style
+from bipot_rs.plots.arc_length import places
 from bipot_rs.plots.data import ContactsArgument, contacts_of, selection, units_of
-from bipot_rs.plots.geometry.arc_length import places
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

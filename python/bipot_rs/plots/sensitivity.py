@@ -20,7 +20,6 @@ from bipot_rs.plots.data import (
     look,
     selection,
 )
-from bipot_rs.plots.geometry.triangles import halve
 from bipot_rs.plots.line import lines_of, mark_of, strips
 from bipot_rs.plots.surface import (
     finish,
@@ -30,6 +29,7 @@ from bipot_rs.plots.surface import (
     plane_of,
     span,
 )
+from bipot_rs.plots.triangles import halve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

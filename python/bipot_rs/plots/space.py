@@ -24,9 +24,9 @@ from bipot_rs.plots.data import (
     look,
     model_of,
 )
-from bipot_rs.plots.geometry.triangles import corners, cut, sharp_edges
 from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, is_plane, span, values_of
+from bipot_rs.plots.triangles import corners, cut, sharp_edges
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]

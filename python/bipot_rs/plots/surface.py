@@ -21,8 +21,8 @@ from bipot_rs.plots.data import (
     selection,
     steps_of,
 )
-from bipot_rs.plots.geometry.triangles import cut, of_points, polygons
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
+from bipot_rs.plots.triangles import cut, of_points, polygons
 
 if TYPE_CHECKING:
     from typing import Unpack

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bipot_rs.files import export
-from bipot_rs.plots.error_map import error_map
+from bipot_rs.plots.run_figure import error_map
 from support.runs import FILES, LAST_LINE, bipot, lines
 
 P1 = "--set=mesh.element=P1"

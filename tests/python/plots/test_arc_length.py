@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bipot_rs import fem
+from bipot_rs.plots.arc_length import places
 from bipot_rs.plots.data import DrawnContacts
-from bipot_rs.plots.geometry.arc_length import places
 from bipot_rs.plots.surface import plane_of
 
 RANDOM = np.random.default_rng(5)

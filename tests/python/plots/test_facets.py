@@ -10,8 +10,8 @@ from mpl_toolkits.mplot3d.art3d import Path3DCollection, Poly3DCollection
 import bipot_rs as bp
 from bipot_rs import fem, plots
 from bipot_rs.fem.contact_surface import contact_facets, surface_labels
+from bipot_rs.plots import triangles
 from bipot_rs.plots.data import DrawnContacts, look
-from bipot_rs.plots.geometry import triangles
 from bipot_rs.plots.run_figure import write_figure
 from support.layout import overlaps
 

@@ -22,10 +22,10 @@ import bipot_rs as bp
 from bipot_rs import fem, plots, scene
 from bipot_rs.fem.bodies.stress_recovery import stress, von_mises
 from bipot_rs.fem.contact_surface import contact_surface
-from bipot_rs.plots.geometry import triangles
-from bipot_rs.plots.geometry.triangles import sharp_edges, skin
+from bipot_rs.plots import triangles
 from bipot_rs.plots.space_axes import project_box
 from bipot_rs.plots.surface import span
+from bipot_rs.plots.triangles import sharp_edges, skin
 from support.children import child
 from support.layout import overlaps
 from support.masonry import assemble, box

@@ -112,8 +112,7 @@ def run(asked: argparse.Namespace, _: Interrupts) -> int:
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.files.drafts import writing
     from bipot_rs.files.export import read_saved
-    from bipot_rs.plots.animation import animate
-    from bipot_rs.plots.by_name import KINDS, plot
+    from bipot_rs.plots.by_name import KINDS, animate, plot
     from bipot_rs.plots.run_figure import write_figure
     from bipot_rs.plots.style import figure_of
 

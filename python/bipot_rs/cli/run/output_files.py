@@ -168,7 +168,7 @@ class Output:
             write_figure(path, result, title=title, units=units)
         last = self.errors[-1] if self.errors else None
         if last is not None and last.total > 0:
-            from bipot_rs.plots.error_map import error_map
+            from bipot_rs.plots.run_figure import error_map
 
             with self._file("error.png") as path:
                 error_map(

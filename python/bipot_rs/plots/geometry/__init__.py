@@ -1,1 +1,0 @@
-"""Places of contacts and cells in a picture: lines, triangles, boundary facets."""
