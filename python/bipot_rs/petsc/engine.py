@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,9 +167,7 @@ class PetscEngine:
     operator: Operator
     solver: LinearSolver
     fixed: Ints  # all prescribed degrees of freedom, in the order of the caller
-    shape: tuple[int, int]
     soft: bool  # whether a motion may be too soft for the preconditioner
-    gap: Floats | None = None
     # The law of the contacts, if it is not that of `operator`.
     law: ContactLaw | None = None
     record: SolverCounts = field(default_factory=SolverCounts)
@@ -191,19 +189,6 @@ class PetscEngine:
             "gathers": self.operator.interface.gathers,
             "preconditioner": self.solver.preconditioner.name,
         }
-
-    def modes(self) -> Floats:
-        """No rigid motions: they are not unknowns of their own."""
-        contacts, d = self.shape
-        return np.empty((0, d * contacts))
-
-    def load_motions(self, _load: Floats, _prescribed: Floats, /) -> Floats:
-        """None, as of `modes`."""
-        return np.empty(0)
-
-    def with_gap(self, gap: Floats) -> PetscEngine:
-        """The same problem with other gaps."""
-        return replace(self, gap=gap)
 
     def with_law(self, law: ContactLaw, /) -> PetscEngine:
         """The same problem with another law of its contacts."""
@@ -231,11 +216,8 @@ class PetscEngine:
         state = at.reaction, at.relative_displacement, at.status
         return _core.ContactPath(variables, state)
 
-    def recovery(
-        self, _seconds: dict[str, float], _contacts: ContactSet, /
-    ) -> _Recovery:
+    def recovery(self, _seconds: dict[str, float], _contacts: ContactSet, /) -> None:
         """Steps of this engine have their displacements already."""
-        return _Recovery()
 
     def inquiry(self, data: StepData) -> UncondensedStep:
         """What answers questions about the last step."""
@@ -354,23 +336,3 @@ class PetscPath:
         u = copies.shortened(u)
         computed = replace(solved.computed, displacement=u)
         return replace(solved, computed=computed)  # type: ignore[return-value]
-
-
-@dataclass(frozen=True, eq=False)
-class _Recovery:
-    """Steps have their displacements."""
-
-    def has_factor(self) -> bool:
-        """Displacements are always available."""
-        return True
-
-    def primal(self) -> None:
-        """K is distributed."""
-
-    def condensed(self) -> NoReturn:
-        """Nothing is condensed."""
-        raise ValueError("engine='petsc' does not condense: use engine='direct'")
-
-    def recover(self, _steps: Sequence[WholeStep]) -> Floats:
-        """Nothing: a step without displacements was read from a file."""
-        raise ValueError("the displacements of this step are not available")

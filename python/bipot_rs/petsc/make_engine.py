@@ -144,9 +144,7 @@ def make_engine(
     # Without coordinates it is not known which rotations are soft. A body that contact alone
     # holds may have a motion that nothing resists, and no correction settles.
     soft = not loose and given.coordinates is None
-    return PetscEngine(
-        operator, solver, given.fixed, given.contacts.shape, soft, copies=copies
-    )
+    return PetscEngine(operator, solver, given.fixed, soft, copies=copies)
 
 
 def _check_diagonal(K: PetscMat) -> None:

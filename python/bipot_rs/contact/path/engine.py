@@ -85,15 +85,6 @@ class Engine(Protocol):
     def stats(self) -> Record:
         """Counts and seconds."""
 
-    def modes(self) -> Floats:
-        """Each rigid motion at the contacts, as a row."""
-
-    def load_motions(self, load: Floats, prescribed: Floats, /) -> Floats:
-        """The work of total loads on each rigid motion."""
-
-    def with_gap(self, gap: Floats, /) -> Engine:
-        """The same problem with other gaps."""
-
     def with_law(self, law: ContactLaw, /) -> Engine:
         """The same problem with another law of its contacts."""
 
@@ -106,8 +97,13 @@ class Engine(Protocol):
     def path(self, at: Step | None, /) -> EnginePath:
         """A load path that starts from a step, or from the unloaded bodies."""
 
-    def recovery(self, seconds: dict[str, float], contacts: ContactSet, /) -> Recovery:
-        """What computes the displacements of steps, and adds the time to ``seconds``."""
+    def recovery(
+        self, seconds: dict[str, float], contacts: ContactSet, /
+    ) -> Recovery | None:
+        """What computes the displacements of steps, and adds the time to ``seconds``.
+
+        None if steps have them, and this engine makes the derivatives too.
+        """
 
     def inquiry(self, data: StepData, /) -> Inquiry[Step]:
         """What answers questions about the solution of a step."""

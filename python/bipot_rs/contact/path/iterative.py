@@ -59,9 +59,7 @@ class Iterative:
 
     core: _core.Primal
     direct: Callable[[], Engine]
-    shape: tuple[int, int]
     springs: Springs
-    gap: Floats | None = None
     law: ContactLaw | None = None
     record: IterationRecord = field(default_factory=IterationRecord)
     turn: Floats | None = None
@@ -79,19 +77,6 @@ class Iterative:
             "krylov": self.record.krylov,
             "bytes_multigrid": self.record.bytes_multigrid,
         }
-
-    def modes(self) -> Floats:
-        """No rigid motions: they are not unknowns of their own."""
-        contacts, d = self.shape
-        return np.empty((0, d * contacts))
-
-    def load_motions(self, _load: Floats, _prescribed: Floats) -> Floats:
-        """None, as of `modes`."""
-        return np.empty(0)
-
-    def with_gap(self, gap: Floats) -> Iterative:
-        """The same problem with other gaps."""
-        return replace(self, gap=gap)
 
     def with_law(self, law: ContactLaw) -> Iterative:
         """The same problem with another law of its contacts."""
@@ -210,7 +195,7 @@ def make_iterative(
         core = _core.Primal(
             springs.add_to(parts), csr("B", changed).parts, *data, at, True
         )
-    return Iterative(core, direct, contacts.shape, springs, turn=turn)
+    return Iterative(core, direct, springs, turn=turn)
 
 
 class IterativePath:

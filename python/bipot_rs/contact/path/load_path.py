@@ -24,6 +24,7 @@ from bipot_rs.contact.messages import rigid_motion_names as motion
 from bipot_rs.contact.messages.remarks import ProblemRemarks
 from bipot_rs.contact.path.bond import Bond
 from bipot_rs.contact.path.contacts import ContactSet
+from bipot_rs.contact.path.direct import Direct
 from bipot_rs.contact.path.engine import (
     REPLACED,
     Engine,
@@ -334,7 +335,7 @@ class PathSolver:
         if turned is not None:
             # A step keeps no rotated W: it is made again for questions about the step.
             engine = self._engine
-        elif solved_gap is not None:
+        elif solved_gap is not None and isinstance(engine, Direct):
             engine = engine.with_gap(solved_gap)
         moving = gap if isinstance(gap, MovingGaps) else None
         recovery = engine.recovery(self._seconds, self._contacts)
@@ -343,7 +344,8 @@ class PathSolver:
             u = computed.displacement
             if u is not None:
                 computed = replace(computed, displacement=problem.held.displacement(u))
-            recovery = HeldRecovery(recovery, problem.held, prescribed)
+            if recovery is not None:
+                recovery = HeldRecovery(recovery, problem.held, prescribed)
         data = StepData(
             load,
             prescribed,
@@ -387,14 +389,14 @@ class PathSolver:
     def make_failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
         """Make the error of a step that did not converge."""
         none = step.outcome is Outcome.NO_EQUILIBRIUM
-        direction = None
-        if step.free_motion is not None:
-            modes, d = self.path.engine.modes(), self._contacts.d
+        engine, direction = self.path.engine, None
+        if step.free_motion is not None and isinstance(engine, Direct):
+            modes, d = engine.modes(), self._contacts.d
             direction = motion.move_contacts(modes, step.free_motion, d)
             friction = name_friction(self._contacts.law.mu)
             load, moved, bolts = step.load, step.prescribed, self._problem.latches
             if none and load is not None and moved is not None and bolts is None:
-                e = self.path.engine.load_motions(load, moved)
+                e = engine.load_motions(load, moved)
                 friction = describe_friction(modes.T, e, self._bond.weakened, d)
             text = f"{step.free_motion_text}, {friction}"
             step = replace(step, free_motion_text=text)
@@ -464,11 +466,10 @@ class PathSolver:
 
     def _describe_motion(self, step: Step, moving: MovingGaps | None) -> str:
         """Describe the free motion of each body."""
-        amounts = step.free_motion
-        if amounts is None:
+        amounts, engine = step.free_motion, self.path.engine
+        if amounts is None or not isinstance(engine, Direct):
             return ""
         contacts, d = self._contacts.shape
-        engine = self.path.engine
         modes = engine.modes()
         felt = np.abs(modes.reshape(len(modes), contacts, d)).max(axis=2) > 0
         stats = engine.stats
