@@ -1,4 +1,4 @@
-"""Tables in text files: CSV with a header, and node lists of Abaqus (`*NODE`).
+"""Tables in text files: CSV with a header.
 
 Messages name the file and the line.
 """
@@ -127,78 +127,6 @@ class CsvTable:
                     self.lines[k], f"{name} is {text!r}, expected an integer"
                 ) from None
         return column
-
-
-def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:
-    """Labels and coordinates of nodes, in the order of the file.
-
-    The file is a table with the columns ``node, x, y[, z]``, or an input file of Abaqus
-    or CalculiX, of which only the `*NODE` blocks are read. A z that is zero everywhere is
-    kept: the contacts determine the dimension.
-
-    Returns ``labels, places``: ``(nodes,)`` and ``(nodes, 2)`` or ``(nodes, 3)``.
-    Raises `OSError`: the file cannot be read.
-    Raises `ValueError`: the file has neither form, or an entry is not a number; the message
-    names the line.
-    """
-    file = Path(path)
-    if any(line.lstrip().lower().startswith("*node") for line in _lines(file)):
-        labels, rows = _listing(file)
-    else:
-        table = CsvTable(file)
-        table.expect(("node", "x", "y"), ("z",))
-        axes = [axis for axis in ("x", "y", "z") if axis in table.names]
-        labels = list(zip(table.integers("node").tolist(), table.lines, strict=True))
-        rows = np.stack([table.numbers(axis) for axis in axes], axis=1).tolist()
-    seen: dict[int, int] = {}
-    for label, line in labels:
-        if label in seen:
-            raise ValueError(
-                f"{file} line {line}: repeats node {label} of line {seen[label]}"
-            )
-        seen[label] = line
-    if not labels:
-        raise ValueError(f"{file} has no nodes")
-    return np.array(list(seen), np.int64), np.array(rows, np.float64)
-
-
-def _listing(path: Path) -> tuple[list[tuple[int, int]], list[list[float]]]:
-    """Lines ``label, x, y[, z]`` after `*NODE`; missing coordinates are zero."""
-    labels, rows, inside = [], [], False
-    for number, line in enumerate(_lines(path), start=1):
-        text = line.strip()
-        if not text or text.startswith("**"):
-            continue
-        if text.startswith("*"):
-            keyword, *options = (part.strip().lower() for part in text.split(","))
-            inside = keyword == "*node"
-            if inside and any(
-                o.startswith(("input=", "system=c", "system=s")) for o in options
-            ):
-                raise ValueError(
-                    f"{path} line {number}: nodes in another file, or in cylindrical or "
-                    "spherical coordinates, are not supported; write Cartesian coordinates "
-                    "into this file"
-                )
-            continue
-        if not inside:
-            continue
-        cells = text.rstrip(",").split(",")
-        try:
-            label, places = (
-                whole(cells[0]),
-                [real(c) if c.strip() else 0.0 for c in cells[1:4]],
-            )
-        except ValueError:
-            places = [np.nan]
-            label = 0
-        if not np.isfinite(places).all():
-            raise ValueError(
-                f"{path} line {number}: is {printable(text)!r}, expected label, x, y, z"
-            )
-        labels.append((label, number))
-        rows.append(places + [0.0] * (3 - len(places)))
-    return labels, rows
 
 
 def _lines(path: Path) -> Iterator[str]:

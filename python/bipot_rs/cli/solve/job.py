@@ -26,6 +26,7 @@ from bipot_rs.contact.results.tables import COLUMNS, list_surface_forces, make_r
 if TYPE_CHECKING:
     from bipot_rs.cli.solve.matrix_files import MatrixProblem
     from bipot_rs.contact.errors import BipotError
+    from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.files.result_mesh import ResultMesh
@@ -66,6 +67,7 @@ class SolveMatrix:
         )
         self.request = request
         self.given: MatrixProblem | None = None
+        self.problem: ContactProblem | None = None
         self.result: Result | None = None
         self.written: list[str] = []
 
@@ -89,13 +91,13 @@ class SolveMatrix:
         make(asked.folder)
         with Progress(1, _count(model), quiet=runner.as_json) as runner.progress:
             code, message = runner.attempt(lambda: self._solve(model))
-        if self.result is None and runner.reached:
-            self.result = self._unfinished(model, message)
+        if self.result is None and self.problem is not None and runner.reached:
+            self.result = self._unfinished(self.problem, message)
         if self.result is not None:
             before = len(runner.reached)
             code, message = runner.recover(code, message)
-            if len(runner.reached) < before:
-                self.result = self._unfinished(model, message)
+            if self.problem is not None and len(runner.reached) < before:
+                self.result = self._unfinished(self.problem, message)
             self._write(model, self.result)
         if code == SOLVED and runner.interrupts.came is not None:
             code, message = runner.interrupted
@@ -106,7 +108,7 @@ class SolveMatrix:
         with warnings.catch_warnings():
             # The remarks of the result say the same.
             warnings.simplefilter("ignore", UserWarning)
-            problem = given.problem(
+            problem = self.problem = given.problem(
                 stiffness_rtol=asked.stiffness_rtol, engine=asked.engine
             )
         group = np.zeros(len(given.gap), dtype=np.int64)
@@ -143,22 +145,14 @@ class SolveMatrix:
                 )
         return code, message
 
-    def _unfinished(self, given: MatrixProblem, message: str) -> Result:
+    def _unfinished(self, problem: ContactProblem, message: str) -> Result:
         """The result of the load steps reached."""
         from bipot_rs.contact.results.result import Result
 
-        contacts = {
-            "x": given.points,
-            "normal": given.frame[:, 0].copy(),
-            "frame": given.frame,
-            "area": given.area,
-            "gap": given.gap,
-            "mu": given.mu,
-        }
         return Result(
             [step for _, step in self.runner.reached],
-            contacts=contacts,
-            shape=(len(given.gap), given.frame.shape[1]),
+            contacts=problem.contacts.arrays(),
+            shape=problem.contacts.shape,
             success=False,
             message=message,
         )

@@ -27,6 +27,7 @@ of each step. Units are those of the files, and must be consistent.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,9 +40,9 @@ from bipot_rs._lib.validation import csr
 from bipot_rs.contact.law.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.stiffness import dof_order
-from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import CsvTable
 from bipot_rs.files.result_mesh import ResultMesh
+from bipot_rs.mesh.abaqus import Section, list_sections
 
 Name = str | os.PathLike[str]
 
@@ -136,7 +137,7 @@ def read(
         raise ValueError(f"order is {order!r}, expected {expected}")
     table = CsvTable(contacts)
     dim = 3 if "nz" in table.names else 2
-    listed = None if nodes is None else _Nodes(nodes, *csv_tables.nodes(nodes))
+    listed = None if nodes is None else _read_nodes(Path(nodes))
     K, dofs = _stiffness(Path(stiffness), dim, listed, order)
     arrays = _contacts(table, dim, dofs, listed)
     forces = (
@@ -165,9 +166,58 @@ def read(
 class _Nodes:
     """The node list: its file, labels ``(nodes,)`` and coordinates ``(nodes, d)``."""
 
-    path: Name
+    path: Path
     labels: Ints
     places: Floats
+
+
+def _read_nodes(path: Path) -> _Nodes:
+    """Read a table ``node, x, y[, z]``, or the `*NODE` blocks of a deck, in their order.
+
+    A z that is zero everywhere is kept: the contacts determine the dimension.
+    """
+    blocks = [s for s in list_sections(path) if s.word.startswith("NODE")]
+    if blocks:
+        rows = [row for s in blocks if s.word == "NODE" for row in _read_block(s)]
+    else:
+        table = CsvTable(path)
+        table.expect(("node", "x", "y"), ("z",))
+        axes = [table.numbers(axis) for axis in _AXES if axis in table.names]
+        labels = table.integers("node").tolist()
+        places = np.stack(axes, axis=1).tolist()
+        rows = list(zip(labels, table.lines, places, strict=True))
+    seen: dict[int, int] = {}
+    for label, line, _ in rows:
+        if label in seen:
+            raise ValueError(
+                f"{path} line {line}: repeats node {label} of line {seen[label]}"
+            )
+        seen[label] = line
+    if not rows:
+        raise ValueError(f"{path} has no nodes")
+    places = [place for _, _, place in rows]
+    return _Nodes(path, np.array(list(seen), np.int64), np.array(places, np.float64))
+
+
+def _read_block(block: Section) -> Iterator[tuple[int, int, list[float]]]:
+    """Label, line and three coordinates of each node; missing coordinates are zero."""
+    if "INPUT" in block.parameters or block.named("SYSTEM")[:1] in ("C", "S"):
+        raise ValueError(
+            f"{block.path} line {block.line}: nodes in another file, or in cylindrical or "
+            "spherical coordinates, are not supported; write Cartesian coordinates into this "
+            "file"
+        )
+    for line, row in block.rows:
+        try:
+            label, place = whole(row[0]), block.reals(line, row[1:4])
+        except ValueError:
+            label, place = 0, [np.nan]
+        if not np.isfinite(place).all():
+            text = printable(", ".join(row))
+            raise ValueError(
+                f"{block.path} line {line}: is {text!r}, expected label, x, y, z"
+            )
+        yield label, line, place + [0.0] * (3 - len(place))
 
 
 class _Dofs:
