@@ -19,6 +19,7 @@ from bipot_rs.cli.exit_codes import (
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import OutputLost, complain, line
 from bipot_rs.cli.run.runner import MISTAKES, PETSC, outcome
+from bipot_rs.contact.errors import BipotError
 from bipot_rs.petsc.run.ranks import discard_output, read_launcher
 
 
@@ -63,11 +64,9 @@ def _call(arguments: Sequence[str], interrupts: Interrupts) -> int:
         # Libraries turn an interrupt into errors of their own.
         if interrupts.came is None:
             return _report(arguments, interrupts, *outcome(error))
+    except BipotError as error:
+        return _report(arguments, interrupts, *outcome(error))
     except Exception as error:
-        from bipot_rs.contact.errors import BipotError
-
-        if isinstance(error, BipotError):
-            return _report(arguments, interrupts, *outcome(error))
         if os.environ.get("BIPOT_TRACEBACK"):
             raise
         return _report(arguments, interrupts, *describe_fault(error))

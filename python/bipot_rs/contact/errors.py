@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from bipot_rs._lib.types import Floats
-
 if TYPE_CHECKING:
+    from bipot_rs._lib.types import Floats
     from bipot_rs.contact.results.result import Result
 
 E = TypeVar("E", bound=Exception)

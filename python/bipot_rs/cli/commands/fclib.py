@@ -15,6 +15,7 @@ from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED,
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line, tell
 from bipot_rs.cli.text_table import format_table
+from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
 
 if TYPE_CHECKING:
     from bipot_rs._lib.types import Record
@@ -89,7 +90,6 @@ def _check(arguments: argparse.Namespace) -> None:
 def _solve(name: str, arguments: argparse.Namespace) -> Record:
     """The row of a file."""
     from bipot_rs import fclib
-    from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
 
     row = {"file": name} | dict.fromkeys(
         ("contacts", "dim", "outcome", "residual", "iterations", "work")

@@ -26,6 +26,7 @@ from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import Progress, complain, line
 from bipot_rs.cli.run.output_files import Reached
 from bipot_rs.cli.run.output_folder import draft_in
+from bipot_rs.contact.errors import BipotError, NotConvergedError
 from bipot_rs.contact.path.choice import ENGINES as OF_ARRAYS
 from bipot_rs.petsc.run.ranks import (
     PATIENCE,
@@ -38,7 +39,6 @@ from bipot_rs.petsc.run.ranks import (
 
 if TYPE_CHECKING:
     from bipot_rs._lib.types import Record
-    from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.results.solution import Step
 
 
@@ -59,8 +59,6 @@ MISTAKES = (ImportError, ValueError, OSError, MemoryError, Ended, OtherRankError
 
 def outcome(error: BaseException) -> tuple[int, str]:
     """Exit status and message of an exception that ends a command."""
-    from bipot_rs.contact.errors import BipotError, NotConvergedError
-
     if isinstance(error, Ended | OtherRankError):
         return error.status, str(error)
     if isinstance(error, NotConvergedError):
@@ -85,7 +83,6 @@ def recover_steps(reached: list[Reached]) -> str:
 
     Returns the message of that step, or "".
     """
-    from bipot_rs.contact.errors import NotConvergedError
     from bipot_rs.contact.results.solution import recover_displacements
 
     steps = [step for _, step in reached]
@@ -240,8 +237,6 @@ class Runner:
 
         Signals raise within ``solve`` and wait after it, so that files are written whole.
         """
-        from bipot_rs.contact.errors import BipotError
-
         try:
             try:
                 # A signal that waited stops all ranks.
@@ -299,8 +294,6 @@ class Runner:
 
     def _explain(self, error: BaseException) -> tuple[int, str]:
         """Exit status and message of any exception."""
-        from bipot_rs.contact.errors import BipotError
-
         if isinstance(error, KeyboardInterrupt):
             return self.interrupted
         if isinstance(error, BipotError):

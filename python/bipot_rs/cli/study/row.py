@@ -4,34 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bipot_rs.cli.exit_codes import NOT_CONVERGED, SOLVED
+from bipot_rs.cli.run import cost_forecast
+from bipot_rs.cli.run.output_files import Output, Reached, origin
 from bipot_rs.cli.run.output_folder import RESULT
+from bipot_rs.cli.run.report import forces
+from bipot_rs.cli.run.resume import stamps
 from bipot_rs.cli.run.runner import outcome, recover_steps
 from bipot_rs.cli.study.folder import OUTCOME_OF, PRESSURE, row_folder
 from bipot_rs.cli.study.plan import format_settings, row_digest
+from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.law.status import STATUS_NAMES
-
-if TYPE_CHECKING:
-    from bipot_rs.cli.run.output_files import Reached
-    from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.results.solution import Step
-    from bipot_rs.scene.case import Case
-    from bipot_rs.scene.schema.root import Scene
-
-# Modules that each row needs.
-_NEEDED = (
-    "bipot_rs.cli.run.cost_forecast",
-    "bipot_rs.cli.run.report",
-    "bipot_rs.scene.case",
-    "bipot_rs.scene.reading",
-)
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.tables import make_row
+from bipot_rs.fem.contact_surface import surface_names
+from bipot_rs.scene.build import bodies
+from bipot_rs.scene.case import Case, assemble
+from bipot_rs.scene.mistakes import SceneError
+from bipot_rs.scene.reading import read
+from bipot_rs.scene.schema.root import Scene
 
 
 @dataclass(frozen=True)
@@ -54,9 +51,6 @@ def solve(row: Row) -> dict[str, object]:
 
     A row that fails has the figures of its last solved load step.
     """
-    # Before the clock starts, so that the first row of a process is not slower.
-    for needed in _NEEDED:
-        import_module(needed)
     return _Attempt(row).run()
 
 
@@ -65,9 +59,6 @@ def solve_as(row: Row, digest: str) -> dict[str, object] | str:
 
     A row without a digest has mistakes, which `solve` reports.
     """
-    from bipot_rs.scene.mistakes import SceneError
-    from bipot_rs.scene.reading import read
-
     try:
         here = read(row.scene, format_settings(row.settings))
     except SceneError as error:
@@ -84,11 +75,6 @@ def solve_as(row: Row, digest: str) -> dict[str, object] | str:
 
 def peak(scene: str, settings: Mapping[str, str]) -> float:
     """Most bytes that solving a row takes, without solving it."""
-    from bipot_rs.cli.run import cost_forecast
-    from bipot_rs.scene.build import bodies
-    from bipot_rs.scene.case import assemble
-    from bipot_rs.scene.reading import read
-
     scene_of_row = read(scene, format_settings(settings))
     return cost_forecast.peak(assemble(scene_of_row, bodies(scene_of_row)))
 
@@ -104,7 +90,6 @@ class _Attempt:
         self.reached: list[Reached] = []
 
     def run(self) -> dict[str, object]:
-        from bipot_rs.contact.errors import BipotError
 
         started = perf_counter()
         try:
@@ -123,11 +108,6 @@ class _Attempt:
         }
 
     def _solve(self) -> None:
-        from bipot_rs.cli.run import cost_forecast
-        from bipot_rs.contact.results.tables import make_row as of_step
-        from bipot_rs.scene.build import bodies
-        from bipot_rs.scene.case import assemble
-        from bipot_rs.scene.reading import read
 
         row = self.row
         self.scene = scene = read(row.scene, format_settings(row.settings))
@@ -140,7 +120,7 @@ class _Attempt:
 
         def on_step(k: int, step: Step) -> None:
             parameter = case.step_parameter(k, step)
-            self.reached.append((of_step(k, parameter, step), step))
+            self.reached.append((make_row(k, parameter, step), step))
 
         case.solve(self.problem, method=row.method, tol=tolerance, on_step=on_step)
 
@@ -150,7 +130,6 @@ class _Attempt:
             return {}
         if not self.reached:
             return {"steps": 0}
-        from bipot_rs.cli.run.report import forces
 
         last, step = self.reached[-1]
         return {
@@ -167,8 +146,6 @@ class _Attempt:
         row, scene, case = self.row, self.scene, self.case
         if scene is None or case is None:
             return code, message
-        from bipot_rs.cli.run.output_files import Output, origin
-        from bipot_rs.cli.run.resume import stamps
 
         if not row.folder.is_dir():
             # Another machine: a folder made there would be lost.
@@ -197,8 +174,6 @@ def _and(message: str, more: str) -> str:
 
 def _pressures(case: Case, step: Step) -> dict[str, float]:
     """Largest contact pressure of each surface [force per area]."""
-    from bipot_rs.fem.contact_surface import surface_names
-
     model, largest = case.model, {}
     for k, name in enumerate(surface_names(model)):
         on_surface = (model.group == k) & (model.area > 0)

@@ -13,6 +13,7 @@ import json
 import logging
 import multiprocessing
 import os
+import pickle
 import re
 import signal
 import uuid
@@ -52,11 +53,12 @@ _THREADS = (
 )
 
 
-def _serve(connection: Connection, work: Callable[..., object]) -> None:
+def _serve(connection: Connection, pickled: bytes) -> None:
     """Answer arguments until None arrives."""
     # A Ctrl-C reaches all processes of a terminal; the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    work = pickle.loads(pickled)  # noqa: S301 - only now: it imports for long
     with suppress(EOFError, OSError):
         while (asked := connection.recv()) is not None:
             try:
@@ -118,7 +120,7 @@ class Workers:
                 return connection
         here, there = self.context.Pipe()
         process = self.context.Process(
-            target=_serve, args=(there, self.work), daemon=True
+            target=_serve, args=(there, pickle.dumps(self.work)), daemon=True
         )
         before = {name: os.environ.get(name) for name in _THREADS}
         os.environ.update(dict.fromkeys(_THREADS, "1"))
