@@ -42,9 +42,8 @@ if TYPE_CHECKING:
     from bipot_rs.contact.one_call import solve
     from bipot_rs.contact.path.moving_gaps import MovingGaps
     from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.proof.enumeration import Answers
     from bipot_rs.contact.proof.equilibrium import Equilibrium, LimitMultiplier
-    from bipot_rs.contact.proof.existence import Existence
+    from bipot_rs.contact.proof.existence import Answers, Existence
     from bipot_rs.contact.proof.reaction_range import ReactionRange
     from bipot_rs.contact.reduced import ReducedProblem
     from bipot_rs.contact.results.error_bound import ErrorBound

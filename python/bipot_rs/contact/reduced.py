@@ -40,9 +40,8 @@ from bipot_rs.contact.results.solution import Solution, find_opening, make_solut
 
 # Most problems are only solved: methods for anything else import what they need.
 if TYPE_CHECKING:
-    from bipot_rs.contact.proof.enumeration import Answers
     from bipot_rs.contact.proof.equilibrium import Equilibrium, LimitMultiplier
-    from bipot_rs.contact.proof.existence import Existence
+    from bipot_rs.contact.proof.existence import Answers, Existence
     from bipot_rs.contact.proof.reaction_range import ReactionRange
     from bipot_rs.contact.sensitivity.reduced import ReducedModel
 
@@ -320,7 +319,7 @@ class ReducedProblem:
         seed
             Seed of the random starts.
         """
-        from bipot_rs.contact.proof.enumeration import Answers, search_answers
+        from bipot_rs.contact.proof.existence import Answers, search_answers
 
         restarts = positive("restarts", restarts)
         seed = integer("seed", seed, least=0)

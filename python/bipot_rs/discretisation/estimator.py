@@ -29,8 +29,7 @@ from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.contact_facets import contact_facets, prescribed_facets
-from bipot_rs.discretisation.equilibrium import moments
-from bipot_rs.discretisation.self_stress import SelfStress
+from bipot_rs.discretisation.equilibrium import SelfStress, moments
 from bipot_rs.discretisation.simplices import (
     Simplices,
     complementary,

@@ -9,9 +9,14 @@ if TYPE_CHECKING:
     from bipot_rs.fem.assembly.assemble import assemble
     from bipot_rs.fem.assembly.assembly import Assembly, Support
     from bipot_rs.fem.bodies.body import Body
-    from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surfaces
+    from bipot_rs.fem.bodies.boundary import (
+        Load,
+        Spring,
+        Symmetry,
+        surface,
+        with_surfaces,
+    )
     from bipot_rs.fem.bodies.elasticity import stiffness
-    from bipot_rs.fem.bodies.loads import Load
     from bipot_rs.fem.bodies.materials import Material, Orthotropic
     from bipot_rs.fem.bodies.stress_recovery import stress, thermal, von_mises
     from bipot_rs.fem.constraints.bolts import Bolt

@@ -32,9 +32,9 @@ from bipot_rs.petsc.bodies import (
 from bipot_rs.petsc.engine import Copies, PetscEngine
 from bipot_rs.petsc.library import Library
 from bipot_rs.petsc.linear import options
-from bipot_rs.petsc.linear.joined import JoinedBodies
 from bipot_rs.petsc.linear.preconditioner import (
     ChosenPreconditioner,
+    JoinedBodies,
     OneRankFactor,
     Preconditioner,
 )

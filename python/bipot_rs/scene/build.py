@@ -13,8 +13,14 @@ from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import Body, Box
-from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surfaces
-from bipot_rs.fem.bodies.loads import Load, PointLoad
+from bipot_rs.fem.bodies.boundary import (
+    Load,
+    PointLoad,
+    Spring,
+    Symmetry,
+    surface,
+    with_surfaces,
+)
 from bipot_rs.fem.bodies.materials import Elastic
 from bipot_rs.fem.bodies.stress_recovery import Initial, thermal
 from bipot_rs.fem.constraints.bolts import Bolt

@@ -11,8 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem
 from bipot_rs.discretisation import johnson_mercier
-from bipot_rs.discretisation.equilibrium import moments
-from bipot_rs.discretisation.self_stress import SelfStress
+from bipot_rs.discretisation.equilibrium import SelfStress, moments
 from bipot_rs.discretisation.simplices import (
     Simplices,
     elastic,

@@ -15,7 +15,6 @@ from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import ROUNDING, Body, NumberedBodies, number_bodies
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.constraints.bolts import Bolt, Cut, cut_bodies
-from bipot_rs.fem.constraints.inclined_supports import Planes, make_planes
 from bipot_rs.fem.constraints.references import (
     Remote,
     make_references,
@@ -23,7 +22,7 @@ from bipot_rs.fem.constraints.references import (
     refuse_held_bolts,
     with_points,
 )
-from bipot_rs.fem.constraints.ties import make_ties
+from bipot_rs.fem.constraints.ties import Planes, make_planes, make_ties
 from bipot_rs.fem.contact.contact import Contact, check_contact
 from bipot_rs.fem.contact.meeting import (
     Meeting,
@@ -62,7 +61,7 @@ def assemble(
         Prescribed displacements; `Assembly.prescribed` takes their values.
     symmetries
         Planes of symmetry in any direction, of which the mesh is one half
-        (`bipot_rs.fem.constraints.inclined_supports`).
+        (`bipot_rs.fem.constraints.ties`).
     springs
         Elastic foundations.
     remotes

@@ -38,11 +38,9 @@ from bipot_rs.contact.path.moving_gaps import (
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
 from bipot_rs.fem.bodies.body import Body, Box, Field, NumberedBodies
-from bipot_rs.fem.bodies.boundary import Spring
+from bipot_rs.fem.bodies.boundary import Load, PointLoad, Spring
 from bipot_rs.fem.bodies.elasticity import vtk_cells
-from bipot_rs.fem.bodies.loads import Load, PointLoad
 from bipot_rs.fem.bodies.stress_recovery import Initial
-from bipot_rs.fem.constraints.inclined_supports import Planes
 from bipot_rs.fem.constraints.references import (
     Reference,
     Remote,
@@ -51,7 +49,7 @@ from bipot_rs.fem.constraints.references import (
     reference_named,
     with_points,
 )
-from bipot_rs.fem.constraints.ties import Ties
+from bipot_rs.fem.constraints.ties import Planes, Ties
 from bipot_rs.fem.contact.contact import Contact, ContactSurface
 from bipot_rs.fem.contact.meeting import follow_obstacle, frames_of_steps
 from bipot_rs.obstacle.motion import Motion
@@ -137,7 +135,7 @@ class Assembly:
         Elastic foundations; K contains their stiffness.
     moving : (steps, n_c, d), bipot_rs.MovingGaps or None
         Gaps of each load step, if obstacles move; see `gaps`.
-    inclined : bipot_rs.fem.constraints.inclined_supports.Planes or None
+    inclined : bipot_rs.fem.constraints.ties.Planes or None
         Planes of symmetry that are not normal to an axis, which `ties` contain.
     remotes : tuple of Remote
         As passed to `assemble`.

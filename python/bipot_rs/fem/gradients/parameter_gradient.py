@@ -23,8 +23,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.fem.bodies.boundary import Spring
-from bipot_rs.fem.bodies.loads import Load
+from bipot_rs.fem.bodies.boundary import Load, Spring
 from bipot_rs.fem.bodies.materials import Material, elasticity, of_poisson, of_young
 from bipot_rs.fem.bodies.stress_recovery import (
     gradient_at_points,
