@@ -184,7 +184,11 @@ class BorderProblem:
             rest = slice(d * j, d * (j + 1))
             matrix[rest, rest] += by_v[j]
         moved = np.einsum("ijk,ik->ij", across, self.p.reshape(-1, d))
-        scale = np.abs(matrix).max(axis=1)
+        # The scale of a row is that of its terms: they may cancel, as where other contacts
+        # hold the node of a border contact, and rounding is then no equation.
+        terms = np.abs(by_r) + np.abs(by_v) * springs
+        sizes = np.einsum("ijk,ikl->ijl", terms, np.abs(rows))
+        scale = np.maximum(sizes.max(axis=2), np.abs(by_v).max(axis=2)).ravel()
         scale = np.where(scale > 0, scale, 1.0)
         return matrix / scale[:, None], (by_change - moved).ravel() / scale
 

@@ -128,6 +128,24 @@ def test_reactions_that_are_not_determined() -> None:
         result.vjp(reaction=np.ones((2, 2)))
 
 
+@pytest.mark.parametrize("seed", [46, 49, 56])
+def test_a_border_contact_at_a_node_that_another_one_holds(seed: int) -> None:
+    """Two contacts of one node: gaps that change in different ways contradict each other. The
+    equation of the second is 0 = 1 but for rounding, of which a derivative of 1e16 was made."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(3, 3))
+    B = np.vstack([np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2)])
+    problem = bp.ContactProblem(
+        root @ root.T + np.eye(3), B, gap=np.zeros(2), mu=[1.0, 0.3]
+    )
+    pressed, along = -4 * (B[0] + B[3]), np.cross(B[0], B[3])
+    result = problem.solve([pressed + 3 * along, pressed + 2.9 * along])
+    gap = rng.normal(size=(2, 2, 3))
+    gap[0] = 0.0
+    with pytest.raises(bp.NotDifferentiableError, match="on a border"):
+        result.jvp(gap=gap)
+
+
 def test_friction_that_begins() -> None:
     """From μ = 0 the friction force opposes the slip; without slip its direction is unknown."""
     slides = point(mu=0.0).solve([-P, 5.0])
