@@ -75,7 +75,11 @@ class EnginePath(Protocol):
 
 
 class Engine(Protocol):
-    """A problem that is ready to be solved."""
+    """A problem that is ready to be solved.
+
+    Rigid motions held by contact alone, and the problem with the gaps of a step, are asked of
+    `Direct` only: an engine that forms ``W`` derives from it.
+    """
 
     @property
     def name(self) -> str:

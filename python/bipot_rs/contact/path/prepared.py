@@ -60,6 +60,9 @@ class _State(TypedDict):
     stiffness: Parts
 
 
+# Choices with which the iterative engine is made; "auto" is decided by each load path.
+_ITERATIVE = ("auto", "iterative")
+
 # Called with a forecast of the cost, before the factorisation.
 OnForecast = Callable[[Record], object]
 
@@ -335,18 +338,20 @@ class PreparedStiffness:
         keeps the engine of that step.
         """
         iterative = self._iterative
-        if iterative is None:
-            return self.make_direct()
-        iterative.record.replaced = ""
-        before = None
-        if start is not None and not start.from_state:
-            iterated = start.stats.keys() & {"krylov", REPLACED}
-            before = "iterative" if iterated else "direct"
-        self._choice = self._choose(steps, method, before, iterative)
-        if self._choice[0] == "direct":
-            return self.make_direct()
-        self._tell_iterative(iterative)
-        return iterative
+        if iterative is not None:
+            iterative.record.replaced = ""
+            before = None
+            if start is not None and not start.from_state:
+                iterated = start.stats.keys() & {"krylov", REPLACED}
+                before = "iterative" if iterated else "direct"
+            self._choice = self._choose(steps, method, before, iterative)
+            if self._choice[0] in _ITERATIVE:
+                self._tell_iterative(iterative)
+                return iterative
+        # Makers of the other engines by their names: without its maker here an engine would be
+        # another one under its name.
+        makers = {"direct": self.make_direct}
+        return makers[self._choice[0]]()
 
     @property
     def stats(self) -> Record:
@@ -532,7 +537,7 @@ class PreparedStiffness:
         """The iterative engine, if it is wanted and can solve the problem."""
         options = self.options
         self._choice = self._choose()
-        if self._choice[0] == "direct":
+        if self._choice[0] not in _ITERATIVE:
             return None
         from bipot_rs.contact.path.iterative import make_iterative
 
