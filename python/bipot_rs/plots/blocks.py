@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,11 +12,8 @@ from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.blocks.problem import BlockProblem, InterfaceForce
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.body import box_in_space
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # Relative displacements below this share of the largest are no opening.
 _OPEN = 1e-3
@@ -122,17 +119,11 @@ def _list_outlines(faces: Sequence[Any], *, space: bool) -> list[Any]:
 
 def _fill(ax: Any, polygons: Sequence[Floats], colour: str, alpha: float) -> None:
     if ax.name == "3d":
-        from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
-            Poly3DCollection,
-        )
-
         ax.add_collection3d(
-            Poly3DCollection(polygons, fc=colour, ec="black", lw=0.3, alpha=alpha)
+            mpl.Poly3DCollection(polygons, fc=colour, ec="black", lw=0.3, alpha=alpha)
         )
         return
-    from matplotlib.collections import PolyCollection
-
-    ax.add_collection(PolyCollection(polygons, fc=colour, ec="black", lw=0.6))
+    ax.add_collection(mpl.PolyCollection(polygons, fc=colour, ec="black", lw=0.6))
 
 
 def _draw_lines(
@@ -184,7 +175,9 @@ def _find_thrust(
     ]
 
 
-def _frame(ax: Axes | Any, corners: Floats, extent: float, unit: str | None) -> None:
+def _frame(
+    ax: mpl.Axes | Any, corners: Floats, extent: float, unit: str | None
+) -> None:
     """Limits around the free blocks: supports may be much larger."""
     if ax.name == "3d":
         box_in_space(corners, ax)

@@ -13,7 +13,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.mesh.kinds import OF_VTK
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
 from bipot_rs.plots.triangles import (
     deformed_nodes,
@@ -23,10 +23,6 @@ from bipot_rs.plots.triangles import (
 
 if TYPE_CHECKING:
     from typing import Unpack
-
-    from matplotlib.axes import Axes
-    from matplotlib.collections import PolyCollection
-    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.fem.assembly.assembly import Assembly
@@ -56,9 +52,9 @@ def deformed(
     limits: tuple[float, float] | None = None,
     largest_force: float | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
+    ax: mpl.Axes | None = None,
     at_rest: ArrayLike | None = None,
-) -> Axes:
+) -> mpl.Axes:
     """Deformed bodies, coloured by the von Mises stress, with contact forces.
 
     In 2D rigid obstacles are grey bands, as far as contacts face them, at a distance of
@@ -149,7 +145,7 @@ def deformed(
         # Contact with an obstacle is in sight, contact between bodies is hidden anyway.
         rigid = np.array([contact.against is None for contact in model.contacts], bool)
         side, _ = find_view(-model.frame[rigid[model.group], 0])
-        cast("Axes3D", ax).view_init(*side)
+        cast("mpl.Axes3D", ax).view_init(*side)
     tails, longest = places[:0], 0.0
     if forces:
         extent = np.ptp(places if corners is None else corners, axis=0).max()
@@ -245,9 +241,9 @@ def cells_in_plane(
     cells: Sequence[tuple[str, Ints]],
     places: Floats,
     values: Floats,
-    ax: Axes,
+    ax: mpl.Axes,
     **colours: Unpack[style.Colours],
-) -> PolyCollection:
+) -> mpl.PolyCollection:
     """Draw cells in 2D with equal scales, each in the colour of its value."""
     # Corners come first: pictures have straight edges.
     corners = [c for kind, n in cells for c in places[n[:, : OF_VTK[kind].corners]]]
@@ -257,13 +253,13 @@ def cells_in_plane(
 def polygons_in_plane(
     polygons: Sequence[Floats],
     values: Floats,
-    ax: Axes,
+    ax: mpl.Axes,
     **colours: Unpack[style.Colours],
-) -> PolyCollection:
+) -> mpl.PolyCollection:
     """Draw polygons in 2D with equal scales, each in the colour of its value."""
-    from matplotlib.collections import PolyCollection
-
-    image = PolyCollection(polygons, array=values, lw=0, antialiased=False, **colours)
+    image = mpl.PolyCollection(
+        polygons, array=values, lw=0, antialiased=False, **colours
+    )
     # As an image: separate polygons would make a large file.
     image.set_rasterized(True)
     ax.add_collection(image)
@@ -271,22 +267,22 @@ def polygons_in_plane(
     return image
 
 
-def _plane(model: Assembly, places: Floats, stress: Floats, ax: Axes) -> PolyCollection:
-    from matplotlib.collections import LineCollection
-
+def _plane(
+    model: Assembly, places: Floats, stress: Floats, ax: mpl.Axes
+) -> mpl.PolyCollection:
     image = cells_in_plane(model.cells, places, stress, ax, cmap="viridis")
     for nodes, colour, width in (
         (model.nodes, style.QUIET, 0.6),
         (places, "black", 0.8),
     ):
         edges = [nodes[facet] for facets, _ in skin(model.cells) for facet in facets]
-        ax.add_collection(LineCollection(edges, colors=colour, linewidths=width))
+        ax.add_collection(mpl.LineCollection(edges, colors=colour, linewidths=width))
     return image
 
 
 def _space(
-    model: Assembly, places: Floats, stress: Floats, ax: Axes3D
-) -> PolyCollection:
+    model: Assembly, places: Floats, stress: Floats, ax: mpl.Axes3D
+) -> mpl.PolyCollection:
     # By depth the body would hide its own outline before, and the forces on it.
     ax.computed_zorder = False
     parts = skin(model.cells)
@@ -295,15 +291,11 @@ def _space(
 
 
 def draw_edges(
-    model: Assembly, places: Floats, ax: Axes3D, **look: Unpack[style.LineStyle]
+    model: Assembly, places: Floats, ax: mpl.Axes3D, **look: Unpack[style.LineStyle]
 ) -> None:
     """Draw the sharp edges of the bodies in 3D."""
-    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
-        Line3DCollection,
-    )
-
     lines = places[sharp_edges(model.nodes, model.cells)]
-    ax.add_collection3d(Line3DCollection(lines, color=style.QUIET, **look))
+    ax.add_collection3d(mpl.Line3DCollection(lines, color=style.QUIET, **look))
 
 
 def find_view(outward: Floats) -> tuple[tuple[float, float], Floats]:
@@ -326,14 +318,12 @@ def find_view(outward: Floats) -> tuple[tuple[float, float], Floats]:
 def facets_in_space(
     polygons: list[Floats],
     values: Floats,
-    ax: Axes3D,
+    ax: mpl.Axes3D,
     **colours: Unpack[style.FacetStyle],
-) -> PolyCollection:
+) -> mpl.PolyCollection:
     """Draw polygons in 3D, each in the colour of its value."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
     edges: style.FacetStyle = {"lw": 0.2, "edgecolor": (0, 0, 0, 0.35)}
-    image: PolyCollection = Poly3DCollection(
+    image: mpl.PolyCollection = mpl.Poly3DCollection(
         polygons, **({"cmap": "viridis"} | edges | colours)
     )
     image.set_array(values)
@@ -342,14 +332,12 @@ def facets_in_space(
     return image
 
 
-def box_in_space(places: Floats, ax: Axes3D) -> None:
+def box_in_space(places: Floats, ax: mpl.Axes3D) -> None:
     """Set the limits of axes in 3D, with equal scales."""
     low, high = places.min(axis=0), places.max(axis=0)
     # A flat box would not be visible.
     least = 0.15 * (high - low).max()
     middle, half = (low + high) / 2, np.maximum(high - low, least) / 2
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
-
     for k, name in enumerate("xyz"):
         getattr(ax, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
         axis = getattr(ax, f"{name}axis")
@@ -359,8 +347,10 @@ def box_in_space(places: Floats, ax: Axes3D) -> None:
         ends = ("lower", "upper") if ax.elev < 0 else ("both", None)
         prune = dict(zip("yz", ends, strict=True)).get(name)
         ticks = {"min_n_ticks": min(count, 2), "prune": prune}
-        axis.set_major_locator(MaxNLocator(min(count, 4), **ticks))
-        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+        axis.set_major_locator(mpl.MaxNLocator(min(count, 4), **ticks))
+        axis.set_major_formatter(
+            mpl.FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−"))
+        )
     ax.set_box_aspect(half)
 
 
@@ -371,7 +361,7 @@ def _forces(
     frame: Floats,
     extent: float,
     longest: float | None,
-    ax: Axes,
+    ax: mpl.Axes,
 ) -> tuple[Floats, float]:
     """Draw forces; return the tails of the arrows, ``(arrows, d)``, and the largest force."""
     force = np.einsum("ck,ckd->cd", reaction, frame)
@@ -408,10 +398,8 @@ def _forces(
     return np.asarray(at - arrows), largest
 
 
-def _obstacles(model: Assembly, shown: Step, scale: float, ax: Axes) -> Floats:
+def _obstacles(model: Assembly, shown: Step, scale: float, ax: mpl.Axes) -> Floats:
     """Draw rigid obstacles opposite to the contacts; return corners ``(k, 2)``."""
-    from matplotlib.collections import PolyCollection
-
     from bipot_rs.fem.contact_surface import contact_surface
 
     model = model.in_step(shown)
@@ -438,7 +426,7 @@ def _obstacles(model: Assembly, shown: Step, scale: float, ax: Axes) -> Floats:
         return model.nodes[:0]
     # Edges of their own colour hide the seams.
     ax.add_collection(
-        PolyCollection(
+        mpl.PolyCollection(
             bands, facecolors=style.QUIET, edgecolors=style.QUIET, lw=0.3, zorder=0.5
         )
     )
@@ -462,7 +450,7 @@ def _around_bodies(drawn: Floats, bands: Floats) -> Floats:
     return np.stack([low - margin, high + margin])
 
 
-def _show(places: Floats, ax: Axes) -> None:
+def _show(places: Floats, ax: mpl.Axes) -> None:
     """Show the part that contains these places."""
     if places.shape[1] == 3:
         box_in_space(places, ax)

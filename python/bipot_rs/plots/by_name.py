@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +17,7 @@ from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import integers, number
 from bipot_rs.contact.results.result import Result
 from bipot_rs.files.drafts import aside
+from bipot_rs.plots import mpl
 from bipot_rs.plots.body import deformed, usual_scale
 from bipot_rs.plots.data import look, model_of, steps_of
 from bipot_rs.plots.line import tractions
@@ -32,9 +32,6 @@ from bipot_rs.plots.style import figure_of
 from bipot_rs.plots.surface import QUANTITIES, is_plane, slip, status_map, surface_map
 from bipot_rs.plots.wear import both
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 # Quantities of flat maps that have no function of their own.
 _MAPS = ("pressure", "shear", "gap")
 
@@ -43,7 +40,7 @@ _MAPS = ("pressure", "shear", "gap")
 class Picture:
     """A picture with a name."""
 
-    draw: Callable[..., Axes]  # the function
+    draw: Callable[..., mpl.Axes]  # the function
     bodies: bool = False  # whether it takes the model before the result
     quantity: str | None = None  # the quantity that it draws, if it can draw several
 
@@ -51,7 +48,9 @@ class Picture:
         """Whether the function has an argument of that name."""
         return name in signature(self.draw).parameters
 
-    def __call__(self, result: object, model: object = None, **options: object) -> Axes:
+    def __call__(
+        self, result: object, model: object = None, **options: object
+    ) -> mpl.Axes:
         """Draw the result, on its model if that is known."""
         drawn = [model, result] if self.bodies and model is not None else [result]
         if not self.bodies and model is not None and self.takes("model"):
@@ -86,7 +85,7 @@ KINDS: Mapping[str, Picture] = (
 
 def plot(
     result: object, kind: str | None = None, *, model: object = None, **options: object
-) -> Axes:
+) -> mpl.Axes:
     """Draw a picture by its name.
 
     Parameters
@@ -266,7 +265,7 @@ def _common(
     return common
 
 
-def _ranges(ax: Axes) -> list[tuple[float, float]]:
+def _ranges(ax: mpl.Axes) -> list[tuple[float, float]]:
     """Ranges of the values in a picture: of its colours, else of its lines."""
     bars = [it for it in ax.collections if it.colorbar is not None]
     if bars:
@@ -279,7 +278,7 @@ def _ranges(ax: Axes) -> list[tuple[float, float]]:
     return [(low - margin, high + margin)]
 
 
-def _corners(ax: Axes) -> tuple[Floats, Floats]:
+def _corners(ax: mpl.Axes) -> tuple[Floats, Floats]:
     """Lower and upper corner of what axes show."""
     names = "xyz" if ax.name == "3d" else "xy"
     low, high = np.array([getattr(ax, f"get_{name}lim")() for name in names]).T
@@ -296,9 +295,7 @@ def _write(
     rate: float,
     dpi: float,
 ) -> None:
-    from matplotlib.animation import PillowWriter
-
-    writer = PillowWriter(fps=rate)  # type: ignore[arg-type]
+    writer = mpl.PillowWriter(fps=rate)  # type: ignore[arg-type]
     with aside(target) as draft:
         for first, k in enumerate(numbers):
             figure = figure_of(picture(result, model, step=k, **options))

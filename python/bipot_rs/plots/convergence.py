@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Solution
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.data import one_step, steps_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # With more steps than this, a colour bar shows their numbers.
 _NAMED = 6
 
 
 def convergence(
-    result: object, *, step: int | None = None, ax: Axes | None = None
-) -> Axes:
+    result: object, *, step: int | None = None, ax: mpl.Axes | None = None
+) -> mpl.Axes:
     """Residual η over work in products with W, one point for each iteration.
 
     Parameters
@@ -49,9 +45,7 @@ def convergence(
             "history is empty: result files do not contain it, pass a result of solve"
         )
     ax = style.axes_of(ax)
-    from matplotlib.colors import Normalize
-
-    shade = Normalize(1, max(len(path), 2))
+    shade = mpl.Normalize(1, max(len(path), 2))
     colours = style.shades()
     for k in kept:
         work, eta = path[k].history.T

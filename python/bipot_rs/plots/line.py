@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,14 +11,9 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats, Integers
 from bipot_rs.contact.law.contact_law import dissipation
 from bipot_rs.contact.law.status import Status
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.arc_length import Places, common
 from bipot_rs.plots.data import ContactsArgument, DrawnContacts, look
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
 
 # With more contacts, markers would overlap.
 _MARKERS = 60
@@ -34,8 +28,8 @@ def tractions(
     contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Pressure and shear along a line, with the friction limit ±μ pressure and the status.
 
     Cohesion of contacts that are not broken adds to the limit.
@@ -81,9 +75,9 @@ def tractions(
 def draw_tractions(
     seen: DrawnContacts,
     along: ArrayLike | str | None,
-    ax: Axes,
+    ax: mpl.Axes,
     limits: tuple[float, float] | None = None,
-) -> Axes:
+) -> mpl.Axes:
     """Draw `tractions` into existing axes."""
     lines, name = lines_of(seen, along)
     pressure, shear = seen.traction[:, 0], seen.traction[:, 1:]
@@ -182,18 +176,18 @@ def _name_limit(seen: DrawnContacts) -> str:
     return "±μ × pressure" if seen.cohesion is None else "±(c + μ × pressure)"
 
 
-def _styles(what: tuple[str, str], limit: str) -> list[Line2D]:
+def _styles(what: tuple[str, str], limit: str) -> list[mpl.Line2D]:
     """Legend entries for line styles, if colours distinguish surfaces."""
-    from matplotlib.lines import Line2D
-
     looks = [("-", what[0]), ("--", what[1])] + [(":", limit)] * bool(limit)
-    return [Line2D([], [], color="black", lw=1.2, ls=ls, label=s) for ls, s in looks]
+    return [
+        mpl.Line2D([], [], color="black", lw=1.2, ls=ls, label=s) for ls, s in looks
+    ]
 
 
 def _legend(
-    ax: Axes,
+    ax: mpl.Axes,
     lines: list[tuple[str, Places]],
-    kinds: Sequence[Artist],
+    kinds: Sequence[mpl.Artist],
     seen: DrawnContacts,
 ) -> None:
     """Legend of lines and statuses above the axes, filled column by column."""
@@ -209,19 +203,19 @@ def _legend(
     style.legend_above(ax, handles=columns, title=seen.said)
 
 
-def _pad(handles: Sequence[Artist], rows: int = 3) -> list[Artist]:
-    from matplotlib.lines import Line2D
-
-    nothing = [Line2D([], [], ls="none", label=" ") for _ in range(rows - len(handles))]
+def _pad(handles: Sequence[mpl.Artist], rows: int = 3) -> list[mpl.Artist]:
+    nothing = [
+        mpl.Line2D([], [], ls="none", label=" ") for _ in range(rows - len(handles))
+    ]
     return [*handles, *nothing]
 
 
 def draw_slip(
     seen: DrawnContacts,
     along: ArrayLike | str | None,
-    ax: Axes,
+    ax: mpl.Axes,
     limits: tuple[float, float] | None = None,
-) -> Axes:
+) -> mpl.Axes:
     """Draw the slip of the step along a line, except where contact is open."""
     lines, name = lines_of(seen, along)
     for k, (_, line) in enumerate(lines):
@@ -257,7 +251,7 @@ def closed_slip(seen: DrawnContacts) -> Floats:
     return np.where(seen.status[:, None] == Status.SLIP, seen.slip, 0.0)
 
 
-def draw_zones(seen: DrawnContacts, status: Integers, ax: Axes) -> Axes:
+def draw_zones(seen: DrawnContacts, status: Integers, ax: mpl.Axes) -> mpl.Axes:
     """Draw the status along a line, one row for each load step, the first at the bottom.
 
     Several surfaces are drawn above each other.
@@ -305,7 +299,7 @@ def _edges(s: Floats) -> Floats:
     return np.concatenate([s[:1], (s[1:] + s[:-1]) / 2, s[-1:]])
 
 
-def strips(ax: Axes, lines: list[tuple[str, Places]], status: Integers) -> None:
+def strips(ax: mpl.Axes, lines: list[tuple[str, Places]], status: Integers) -> None:
     """Draw strips of statuses at the bottom of the axes, one for each surface."""
     lines = [(name, line) for name, line in lines if line.once]
     if not lines:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +14,7 @@ from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.resultants import is_curved, list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.result import Result
+from bipot_rs.plots import mpl
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import (
     Chosen,
@@ -28,10 +28,6 @@ from bipot_rs.plots.data import (
     surface_of,
     units_of,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
 
 _STYLE: canvas.LineStyle = {"marker": "o", "ms": 3, "lw": 1.5}
 # A mean of normals shorter than this is rounding: the normals cancel.
@@ -48,8 +44,8 @@ def resultants(
     on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Normal and tangential force over the load steps, and the limit of friction.
 
     The numbers are those of `Result.table`. On a flat surface the size of the tangential
@@ -102,7 +98,7 @@ def resultants(
     return _finish(ax)
 
 
-def _finish(ax: Axes) -> Axes:
+def _finish(ax: mpl.Axes) -> mpl.Axes:
     """Label an axis of load steps."""
     ax.set_xlabel("load step")
     canvas.whole_numbers(ax.xaxis)
@@ -115,7 +111,7 @@ def _of_surface(
     frame: Floats | None,
     mu: Floats | None,
     cohesion: Floats,
-    ax: Axes,
+    ax: mpl.Axes,
     colour: str | None,
     width: float,
 ) -> None:
@@ -150,20 +146,19 @@ def _of_surface(
         band.set(color=colour or canvas.LIMIT, alpha=0.15)
 
 
-def _name_surfaces(names: Sequence[str], ax: Axes, curved: bool, limited: bool) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
+def _name_surfaces(
+    names: Sequence[str], ax: mpl.Axes, curved: bool, limited: bool
+) -> None:
     whose = canvas.surface_handles(names)
     looks = (("-", "normal"), ("--", "tangential"))
     if curved:
         looks = (("-", "Σ normal"), ("--", "tangential, curved: Σ of sizes"))
-    kinds: list[Artist] = [
-        Line2D([], [], color="black", ls=ls, label=name) for ls, name in looks
+    kinds: list[mpl.Artist] = [
+        mpl.Line2D([], [], color="black", ls=ls, label=name) for ls, name in looks
     ]
     if limited:
         label = "within Σ μ × normal"
-        kinds.append(Patch(label=label, facecolor=canvas.QUIET, alpha=0.3))
+        kinds.append(mpl.Patch(label=label, facecolor=canvas.QUIET, alpha=0.3))
     canvas.legend_above(ax, handles=[*whose, *kinds])
 
 
@@ -171,9 +166,9 @@ def status_shares(
     result: object,
     *,
     on: ArrayLike | str | None = None,
-    ax: Axes | None = None,
+    ax: mpl.Axes | None = None,
     contacts: ContactsArgument | None = None,
-) -> Axes:
+) -> mpl.Axes:
     """Fractions of the contacts that stick, slip and are open, over the load steps.
 
     Parameters
@@ -217,8 +212,8 @@ def force_displacement(
     on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Tangential force over displacement: the hysteresis loop of friction.
 
     The force is the one that drives: its work along the displacement is positive. If
@@ -306,8 +301,11 @@ def _mean_displacement(path: Result, surface: str, model: object) -> Floats:
 
 
 def dissipation(
-    result: object, *, units: Mapping[str, str] | None = None, ax: Axes | None = None
-) -> Axes:
+    result: object,
+    *,
+    units: Mapping[str, str] | None = None,
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Work of friction in each step, and accumulated from the beginning of the path.
 
     Parameters

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,12 +11,9 @@ from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.proof.reaction_range import ReactionRange
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.arc_length import places
 from bipot_rs.plots.data import ContactsArgument, contacts_of, selection, units_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # A bound that is infinite is drawn this much beyond the largest finite number.
 _BEYOND = 0.25
@@ -31,8 +27,8 @@ def reaction_band(
     along: ArrayLike | str | None = None,
     on: ArrayLike | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Least, found and largest reactions along a line.
 
     Each contact attains every value of the band, not all of them at once. Triangles mark
@@ -77,7 +73,9 @@ def reaction_band(
     return ax
 
 
-def _draw(ax: Axes, s: Floats, least: Floats, solved: Floats, largest: Floats) -> None:
+def _draw(
+    ax: mpl.Axes, s: Floats, least: Floats, solved: Floats, largest: Floats
+) -> None:
     values = np.concatenate([least, solved, largest])
     values = np.append(values[np.isfinite(values)], 0.0)
     beyond = _BEYOND * (float(np.ptp(values)) or 1.0)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.results.result import Result
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.body import cells_in_plane, facets_in_space
 from bipot_rs.plots.data import DrawnContacts, look, number_of
 from bipot_rs.plots.line import draw_tractions
@@ -23,10 +23,6 @@ from bipot_rs.plots.surface import draw_map, draw_status, is_plane, plane_of
 from bipot_rs.plots.triangles import skin
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.collections import PolyCollection
-    from matplotlib.figure import Figure, SubFigure
-
     from bipot_rs.plots.style import Colours
 
 # Up to this many surfaces have separate maps; more are drawn together.
@@ -51,8 +47,6 @@ def write_figure(
     Raises `TypeError` or `ValueError`: data are missing or have a wrong shape; the message
     names them.
     """
-    from matplotlib.figure import Figure
-
     # The title of the figure has the number of the step.
     seen = replace(look(result, step, on=on, units=units), said="")
     flat = seen.x.shape[1] == 2
@@ -60,8 +54,8 @@ def write_figure(
     # Not pyplot: it would keep the figure and choose a backend for the process.
     heights = [5.2] if flat else [_height(surface) for _, surface in _rows(seen)]
     heights += [2.6] if several else []
-    figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
-    parts: list[SubFigure] = (
+    figure = mpl.Figure(figsize=(11.0, sum(heights)), layout="constrained")
+    parts: list[mpl.SubFigure] = (
         figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)
         .ravel()
         .tolist()
@@ -99,14 +93,14 @@ def _rows(seen: DrawnContacts) -> list[tuple[str, DrawnContacts]]:
     return each
 
 
-def _in_space(figures: Sequence[SubFigure], seen: DrawnContacts) -> None:
+def _in_space(figures: Sequence[mpl.SubFigure], seen: DrawnContacts) -> None:
     for figure, (name, surface) in zip(figures, _rows(seen), strict=False):
         (_maps if is_plane(surface) else _facets)(figure, surface)
         if name:
             figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
 
 
-def _maps(figure: Figure | SubFigure, seen: DrawnContacts) -> None:
+def _maps(figure: mpl.Figure | mpl.SubFigure, seen: DrawnContacts) -> None:
     """Draw contact on a flat surface: maps of pressure, shear with direction, status."""
     left, middle, right = figure.subplots(1, 3)
     draw_map(seen, "pressure", left)
@@ -116,7 +110,7 @@ def _maps(figure: Figure | SubFigure, seen: DrawnContacts) -> None:
         ax.set_ylabel("")
 
 
-def _facets(figure: Figure | SubFigure, seen: DrawnContacts) -> None:
+def _facets(figure: mpl.Figure | mpl.SubFigure, seen: DrawnContacts) -> None:
     """Draw contact on other surfaces: their facets in 3D, or dots if they are unknown."""
     panels = figure.subplots(1, 3, subplot_kw=style.in_space())
     for ax, quantity in zip(panels, ("pressure", "shear", "status"), strict=True):
@@ -148,16 +142,14 @@ def error_map(
     ``contacts``: points ``(n_c, d)``; in 2D a second panel shows their surroundings.
     ``title, unit``: title; name of the unit of length.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    figure = mpl.Figure(figsize=(9.5, 4.4), layout="constrained")
     draw_error(figure, nodes, cells, energies, contacts=contacts, unit=unit)
     figure.suptitle(title, fontsize=12, fontweight="bold")
     figure.savefig(path, dpi=130)
 
 
 def draw_error(
-    figure: Figure | SubFigure,
+    figure: mpl.Figure | mpl.SubFigure,
     nodes: Floats,
     cells: Sequence[tuple[str, Ints]],
     energies: Floats,
@@ -166,15 +158,13 @@ def draw_error(
     unit: str = "",
 ) -> None:
     """Draw `error_map` into a figure of matplotlib, or a subfigure."""
-    from matplotlib.colors import LogNorm
-
     count = sum(len(corners) for _, corners in cells)
     energies = floats("energies", energies, shape=(count,))
     mean = energies.mean()
     if not mean > 0:
         raise ValueError("energies are all zero: there is no error to draw")
     share = np.clip(energies / mean, _LOW, _HIGH)
-    colours: Colours = {"cmap": "magma_r", "norm": LogNorm(_LOW, _HIGH)}
+    colours: Colours = {"cmap": "magma_r", "norm": mpl.LogNorm(_LOW, _HIGH)}
     label = "error energy of the element / of the mean element"
     if nodes.shape[1] == 2:
         panels = _error_in_plane(figure, nodes, cells, share, contacts, colours, unit)
@@ -184,14 +174,14 @@ def draw_error(
 
 
 def _error_in_plane(
-    figure: Figure | SubFigure,
+    figure: mpl.Figure | mpl.SubFigure,
     nodes: Floats,
     cells: Sequence[tuple[str, Ints]],
     share: Floats,
     contacts: Floats | None,
     colours: Colours,
     unit: str,
-) -> list[tuple[Axes, PolyCollection]]:
+) -> list[tuple[mpl.Axes, mpl.PolyCollection]]:
     views = [(nodes.min(axis=0), nodes.max(axis=0))]
     if contacts is not None and len(contacts):
         low, high = contacts.min(axis=0), contacts.max(axis=0)
@@ -215,12 +205,12 @@ def _error_in_plane(
 
 
 def _error_in_space(
-    figure: Figure | SubFigure,
+    figure: mpl.Figure | mpl.SubFigure,
     nodes: Floats,
     cells: Sequence[tuple[str, Ints]],
     share: Floats,
     colours: Colours,
-) -> list[tuple[Axes, PolyCollection]]:
+) -> list[tuple[mpl.Axes, mpl.PolyCollection]]:
     """Draw the boundary from above and from below, each facet in the colour of its cell."""
     parts = skin(cells)
     outside = [polygon for facets, _ in parts for polygon in nodes[facets]]

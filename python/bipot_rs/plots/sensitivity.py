@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +11,7 @@ from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import one_of
 from bipot_rs.contact.results.derivatives import Gradient
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.data import (
     ContactsArgument,
     DrawnContacts,
@@ -30,10 +29,6 @@ from bipot_rs.plots.surface import (
     span,
 )
 from bipot_rs.plots.triangles import halve
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
 
 QUANTITIES = ("mu", "gap")
 _SYMBOLS = {"mu": "μ", "gap": "gap"}
@@ -53,8 +48,8 @@ def sensitivity(
     on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Derivative of a number by the friction or the gap of each contact.
 
     It shows which contacts decide: in 2D along a line, above the status of the contacts; in
@@ -136,7 +131,7 @@ def _draw_line(
     values: Floats,
     marked: Bools,
     label: tuple[str, str | None],
-    ax: Axes,
+    ax: mpl.Axes,
 ) -> None:
     """Draw the derivatives along each surface, filled from zero by their sign."""
     lines, name = lines_of(seen, along)
@@ -171,7 +166,7 @@ def _draw_map(
     values: Floats,
     marked: Bools,
     label: tuple[str, str | None],
-    ax: Axes,
+    ax: mpl.Axes,
 ) -> None:
     """Draw the derivatives on a flat surface, by colours symmetric about zero."""
     uv, names = plane_of(seen)
@@ -185,9 +180,7 @@ def _draw_map(
     levels = largest * np.array([-2.0, -1.0, 1.0, 2.0]) / 3
     levels = levels[(levels > values.min()) & (levels < values.max())]
     if levels.size:
-        from matplotlib.tri import Triangulation
-
-        triangles = Triangulation(places[:, 0], places[:, 1], halve(parts))
+        triangles = mpl.Triangulation(places[:, 0], places[:, 1], halve(parts))
         look = {"colors": "black", "linewidths": 0.6, "negative_linestyles": "--"}
         ax.tricontour(triangles, spread, levels, **look)
     _rings(ax, uv[:, 0], uv[:, 1], marked)
@@ -201,7 +194,7 @@ def _draw_map(
         style.note(ax, seen.said)
 
 
-def _rings(ax: Axes, x: Floats, y: Floats, marked: Bools) -> None:
+def _rings(ax: mpl.Axes, x: Floats, y: Floats, marked: Bools) -> None:
     """Mark the contacts whose derivative is one-sided."""
     if marked.any():
         ax.scatter(
@@ -216,11 +209,11 @@ def _rings(ax: Axes, x: Floats, y: Floats, marked: Bools) -> None:
         )
 
 
-def _legend(marked: Bools) -> list[Line2D]:
+def _legend(marked: Bools) -> list[mpl.Line2D]:
     """Entry of the rings, if there are any."""
-    from matplotlib.lines import Line2D
-
     if not marked.any():
         return []
     label = f"one-sided ({int(marked.sum())})"
-    return [Line2D([], [], ls="none", marker="o", mfc="none", mec="black", label=label)]
+    return [
+        mpl.Line2D([], [], ls="none", marker="o", mfc="none", mec="black", label=label)
+    ]

@@ -10,7 +10,7 @@ import numpy as np
 from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.results.result import Result
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.body import (
     box_in_space,
     draw_edges,
@@ -29,8 +29,6 @@ from bipot_rs.plots.surface import NOTHING, QUANTITIES, is_plane, span, values_o
 from bipot_rs.plots.triangles import corners, cut, sharp_edges
 
 if TYPE_CHECKING:
-    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
-
     from bipot_rs.fem.assembly.assembly import Assembly
 
 BACKENDS = ("matplotlib", "pyvista")
@@ -138,13 +136,13 @@ def _polygons(
 def draw_space(
     seen: DrawnContacts,
     quantity: str,
-    ax: Axes3D,
+    ax: mpl.Axes3D,
     model: Assembly | None = None,
     arrows: bool = False,
     limits: tuple[float, float] | None = None,
     *,
     below: bool = False,
-) -> Axes3D:
+) -> mpl.Axes3D:
     """Draw `surface3d` by matplotlib into existing axes.
 
     ``model``: the `fem.Assembly` whose outline is drawn; None for none.

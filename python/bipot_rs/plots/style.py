@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -18,19 +18,7 @@ from bipot_rs._lib.types import Floats, Integers
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.files import fields
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colorbar import Colorbar
-    from matplotlib.colors import Colormap, ListedColormap, Normalize
-    from matplotlib.figure import Figure
-    from matplotlib.legend import Legend
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-    from matplotlib.typing import ColorType
-    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
+from bipot_rs.plots import mpl
 
 # Colours of the statuses open, slip, stick.
 COLOURS = ("#d9dee3", "#f28e2b", "#1f4e79")
@@ -45,7 +33,7 @@ SIZE = (4.8, 3.6)
 class LineStyle(TypedDict, total=False):
     """Arguments of matplotlib for lines and their markers."""
 
-    color: ColorType
+    color: mpl.ColorType
     ls: str
     lw: float
     marker: str
@@ -57,28 +45,28 @@ class LineStyle(TypedDict, total=False):
 class Colours(TypedDict, total=False):
     """Arguments of matplotlib that map values to colours."""
 
-    cmap: str | Colormap
-    norm: Normalize
+    cmap: str | mpl.Colormap
+    norm: mpl.Normalize
 
 
 class FacetStyle(Colours, total=False):
     """Colours of polygons, and their edges."""
 
     lw: float
-    edgecolor: ColorType
+    edgecolor: mpl.ColorType
 
 
 class RimStyle(TypedDict):
     """Arguments of matplotlib for the rims of arrows."""
 
-    edgecolor: ColorType
+    edgecolor: mpl.ColorType
     linewidth: float
 
 
 class ArrowStyle(RimStyle, total=False):
     """Arguments of matplotlib for the colours of arrows."""
 
-    color: ColorType
+    color: mpl.ColorType
     cmap: str
     clim: tuple[float, float]
 
@@ -91,7 +79,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def axes_of(
     ax: object, *, size: tuple[float, float] = SIZE, space: bool = False
-) -> Axes:
+) -> mpl.Axes:
     """``ax``, or the axes of a new figure; ``space`` asks for axes in 3D.
 
     Raises `ModuleNotFoundError`: matplotlib is not installed; the message says how to install
@@ -99,13 +87,10 @@ def axes_of(
     Raises `TypeError`: ``ax`` is not axes of matplotlib, or has the wrong projection.
     """
     load_library("matplotlib", extra="cli", need="pictures")
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     if ax is None:
-        figure = Figure(figsize=size, layout="constrained")
+        figure = mpl.Figure(figsize=size, layout="constrained")
         return show_in_notebooks(figure.add_subplot(**(in_space() if space else {})))
-    if not isinstance(ax, Axes):
+    if not isinstance(ax, mpl.Axes):
         raise TypeError(f"ax is a {type(ax).__name__}, expected axes of matplotlib")
     if (ax.name == "3d") is not space:
         wanted = 'projection="3d"' if space else "no projection"
@@ -120,20 +105,20 @@ def in_space() -> dict[str, Any]:
     return {"axes_class": SpaceAxes}
 
 
-def show_in_notebooks(ax: Axes) -> Axes:
+def show_in_notebooks(ax: mpl.Axes) -> mpl.Axes:
     """``ax``, as a picture where a notebook shows it: pyplot does not know its figure."""
     vars(ax)["_repr_png_"] = partial(_render, ax)
     return ax
 
 
-def _render(ax: Axes) -> bytes:
+def _render(ax: mpl.Axes) -> bytes:
     """The picture with these axes, as PNG."""
     picture = BytesIO()
     figure_of(ax).savefig(picture, format="png", bbox_inches="tight")
     return picture.getvalue()
 
 
-def figure_of(ax: Axes) -> Figure:
+def figure_of(ax: mpl.Axes) -> mpl.Figure:
     """The whole figure of axes."""
     return ax.figure.figure
 
@@ -153,7 +138,7 @@ def label(name: str, unit: str | None) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def name_axis(axis: Axis, name: str, unit: str | None) -> float:
+def name_axis(axis: mpl.Axis, name: str, unit: str | None) -> float:
     """Label an axis, if necessary with a power of 1000 before the unit; return the power.
 
     Otherwise ticks would be long, or matplotlib would write the power over a legend. Call
@@ -164,10 +149,8 @@ def name_axis(axis: Axis, name: str, unit: str | None) -> float:
     if np.isfinite(largest) and largest > 0 and not 1e-2 <= largest < 1e4:
         power = 3 * int(np.floor(np.log10(largest) / 3))
     if power:
-        from matplotlib.ticker import FuncFormatter
-
         axis.set_major_formatter(
-            FuncFormatter(lambda v, _: f"{v / 10.0**power:g}".replace("-", "−"))
+            mpl.FuncFormatter(lambda v, _: f"{v / 10.0**power:g}".replace("-", "−"))
         )
         factor = "10" + str(power).translate(_RAISED)
         unit = f"{factor} {unit}" if unit else factor
@@ -175,22 +158,22 @@ def name_axis(axis: Axis, name: str, unit: str | None) -> float:
     return 10.0**power
 
 
-def name_axes(ax: Axes, names: str, unit: str | None) -> None:
+def name_axes(ax: mpl.Axes, names: str, unit: str | None) -> None:
     """Label the axes of coordinates, such as ``"xy"``."""
     for axis, name in zip("xyz", names, strict=False):
         name_axis(getattr(ax, f"{axis}axis"), name, unit)
 
 
 def colour_bar(
-    image: ScalarMappable,
-    ax: Axes,
+    image: mpl.ScalarMappable,
+    ax: mpl.Axes,
     name: str,
     unit: str | None,
     *,
     extend: str = "neither",
     below: bool = False,
     most: float = np.inf,
-) -> Colorbar:
+) -> mpl.Colorbar:
     """Add a colour bar with a name on the right of the axes, or below axes in 3D.
 
     ``most``: the largest value, written at the end of a bar that does not reach it.
@@ -232,26 +215,21 @@ def beyond(values: Floats, low: float, high: float) -> str:
     return names.get(sides, "neither")
 
 
-def scale_of(colours: str | Colormap, low: float, high: float) -> ScalarMappable:
+def scale_of(
+    colours: str | mpl.Colormap, low: float, high: float
+) -> mpl.ScalarMappable:
     """Colours of a bar without a picture in these colours."""
-    from matplotlib.cm import ScalarMappable
-
-    return ScalarMappable(**map_colours(colours, low, high))
+    return mpl.ScalarMappable(**map_colours(colours, low, high))
 
 
-def map_colours(colours: str | Colormap, low: float, high: float) -> Colours:
+def map_colours(colours: str | mpl.Colormap, low: float, high: float) -> Colours:
     """Keyword arguments of matplotlib that map values from low to high to colours."""
-    from matplotlib.colors import Normalize
-
-    return {"cmap": colours, "norm": Normalize(low, high)}
+    return {"cmap": colours, "norm": mpl.Normalize(low, high)}
 
 
-def shades() -> ListedColormap:
+def shades() -> mpl.ListedColormap:
     """Colours of an order, without their light end, which is hard to see on white."""
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(colormaps["viridis"](np.linspace(0, 0.9, 256)))
+    return mpl.ListedColormap(mpl.colormaps["viridis"](np.linspace(0, 0.9, 256)))
 
 
 def stress_unit(units: Units) -> str | None:
@@ -274,16 +252,15 @@ def width(k: int, count: int) -> float:
     return 1.4 + 1.2 * min(count - 1 - k, 3)
 
 
-def surface_handles(names: Iterable[str]) -> list[Line2D]:
+def surface_handles(names: Iterable[str]) -> list[mpl.Line2D]:
     """Lines for a legend, in the colour of each surface."""
-    from matplotlib.lines import Line2D
-
     return [
-        Line2D([], [], color=cycle(k), lw=2, label=name) for k, name in enumerate(names)
+        mpl.Line2D([], [], color=cycle(k), lw=2, label=name)
+        for k, name in enumerate(names)
     ]
 
 
-def fit(ax: Axes) -> None:
+def fit(ax: mpl.Axes) -> None:
     """Fit the height of a figure to one picture with equal scales, in 2D or 3D."""
     wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
     if ax.name == "3d":
@@ -298,7 +275,7 @@ def fit(ax: Axes) -> None:
     figure.set_size_inches(width, height + 0.9)
 
 
-def note(ax: Axes, text: str) -> None:
+def note(ax: mpl.Axes, text: str) -> None:
     """Write a short text above the axes, on the left."""
     if text:
         # Seen from below, the axes in 3D have their labels above.
@@ -306,7 +283,7 @@ def note(ax: Axes, text: str) -> None:
         ax.set_title(text, fontsize="small", loc="left", pad=38 if below else None)
 
 
-def say(ax: Axes3D, text: str) -> None:
+def say(ax: mpl.Axes3D, text: str) -> None:
     """Write a sentence into the middle of axes, in 2D or 3D, that show no values."""
     place = {"ha": "center", "va": "center"}
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85}
@@ -316,14 +293,12 @@ def say(ax: Axes3D, text: str) -> None:
         ax.text(0.5, 0.5, text, bbox=box, transform=ax.transAxes, **place)
 
 
-def blank() -> ListedColormap:
+def blank() -> mpl.ListedColormap:
     """Colour map with one colour, for values that are all equal."""
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap([COLOURS[0]])
+    return mpl.ListedColormap([COLOURS[0]])
 
 
-def legend_above(ax: Axes, *, title: str = "", **more: object) -> Legend:
+def legend_above(ax: mpl.Axes, *, title: str = "", **more: object) -> mpl.Legend:
     """Add a legend above the axes, where it hides nothing, with a title."""
     if title:
         more = {"title": title, "title_fontsize": "small", "alignment": "left"} | more
@@ -332,34 +307,28 @@ def legend_above(ax: Axes, *, title: str = "", **more: object) -> Legend:
     return ax.legend(**{**place, **look, **more})
 
 
-def status_handles(status: Integers) -> list[Patch]:
+def status_handles(status: Integers) -> list[mpl.Patch]:
     """Patches for a legend, stick first, with the number of contacts of each status."""
-    from matplotlib.patches import Patch
-
     counts = [int(np.sum(status == k)) for k in range(3)]
     return [
-        Patch(facecolor=COLOURS[k], label=f"{STATUS_NAMES[k]} ({counts[k]})")
+        mpl.Patch(facecolor=COLOURS[k], label=f"{STATUS_NAMES[k]} ({counts[k]})")
         for k in (2, 1, 0)
     ]
 
 
 def status_colours() -> Colours:
     """Keyword arguments of matplotlib that map statuses to colours."""
-    from matplotlib.colors import ListedColormap
-
-    return map_colours(ListedColormap(COLOURS), 0, 2)
+    return map_colours(mpl.ListedColormap(COLOURS), 0, 2)
 
 
-def bare(ax: Axes) -> None:
+def bare(ax: mpl.Axes) -> None:
     """Remove the top and right lines of the frame."""
     ax.spines[["top", "right"]].set_visible(False)
 
 
-def whole_numbers(axis: Axis) -> None:
+def whole_numbers(axis: mpl.Axis) -> None:
     """Put ticks at whole numbers."""
-    from matplotlib.ticker import MaxNLocator
-
-    axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    axis.set_major_locator(mpl.MaxNLocator(integer=True, min_n_ticks=1))
 
 
 def round_number(value: float) -> float:

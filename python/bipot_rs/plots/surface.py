@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.result import Result
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.body import polygons_in_plane
 from bipot_rs.plots.data import (
     ContactsArgument,
@@ -26,11 +26,6 @@ from bipot_rs.plots.triangles import cut, of_points, polygons
 
 if TYPE_CHECKING:
     from typing import Unpack
-
-    from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import PolyCollection
-    from matplotlib.quiver import Quiver
 
 # Quantities of `surface_map`: label and kind of unit.
 QUANTITIES = {
@@ -67,8 +62,8 @@ def surface_map(
     contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Map of a flat contact surface in 3D, interpolated on its facets.
 
     A model, its result and their files know the facets. Otherwise the map is drawn on a
@@ -118,10 +113,10 @@ def surface_map(
 def draw_map(
     seen: DrawnContacts,
     quantity: str,
-    ax: Axes,
+    ax: mpl.Axes,
     vector: Floats | None = None,
     limits: tuple[float, float] | None = None,
-) -> Axes:
+) -> mpl.Axes:
     """Draw `surface_map` into existing axes."""
     uv, names = plane_of(seen)
     values, name, unit = values_of(seen, quantity)
@@ -150,11 +145,11 @@ def paint(
     seen: DrawnContacts,
     uv: Floats,
     values: Floats,
-    ax: Axes,
+    ax: mpl.Axes,
     *,
     nearest: bool = False,
     **colours: Unpack[style.Colours],
-) -> PolyCollection:
+) -> mpl.PolyCollection:
     """Draw values at the contacts ``(n_c,)``, interpolated on the surface in small pieces.
 
     Shading by the colours of corners would mix colours that are not on the colour bar.
@@ -234,8 +229,8 @@ def status_map(
     on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Map of the contact status.
 
     In 3D: the flat surface at one step, each point in the colour of a near contact.
@@ -267,7 +262,7 @@ def status_map(
     return ax
 
 
-def draw_status(seen: DrawnContacts, ax: Axes) -> Axes:
+def draw_status(seen: DrawnContacts, ax: mpl.Axes) -> mpl.Axes:
     """Draw `status_map` of a surface into existing axes."""
     uv, names = plane_of(seen)
     status = seen.status.astype(float)
@@ -287,8 +282,8 @@ def slip(
     contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Slip of a step: in 2D along a line, in 3D as arrows on a flat surface.
 
     Arrows are drawn at one slipping contact in each of about 14 × 14 squares; their length
@@ -315,7 +310,7 @@ def slip(
         u[~closed], v[~closed], s=9, facecolors="none", edgecolors="#c9ced3", lw=0.6
     )
     most = float(size.max(initial=0.0)) if limits is None else limits[1]
-    arrows: ScalarMappable | None = _arrows(
+    arrows: mpl.ScalarMappable | None = _arrows(
         seen, uv, moved, ax, cmap="viridis", values=size, most=most, **style.RIM
     )
     finish(seen, uv, names, ax, margin=0.13)
@@ -333,7 +328,7 @@ def slip(
 
 
 def finish(
-    seen: DrawnContacts, uv: Floats, names: list[str], ax: Axes, margin: float = 0.0
+    seen: DrawnContacts, uv: Floats, names: list[str], ax: mpl.Axes, margin: float = 0.0
 ) -> None:
     """Set the limits and the labels of the axes of a map, with equal scales."""
     unit = seen.units.get("length")
@@ -352,12 +347,12 @@ def _arrows(
     seen: DrawnContacts,
     uv: Floats,
     vector: Floats,
-    ax: Axes,
+    ax: mpl.Axes,
     *,
     values: Floats | None = None,
     most: float = 1.0,
     **look: Unpack[style.ArrowStyle],
-) -> Quiver | None:
+) -> mpl.Quiver | None:
     """Draw tangential vectors at some contacts; one of size ``most`` fills its square."""
     axes, _ = tangents(seen)
     size = np.linalg.norm(vector, axis=1)

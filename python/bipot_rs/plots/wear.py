@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,12 +10,9 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.wear.record import Wear
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 from bipot_rs.plots.data import ContactsArgument, look, steps_of
 from bipot_rs.plots.line import lines_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 QUANTITIES = ("depth", "pressure")
 # Cycles that are drawn if none are chosen.
@@ -32,8 +28,8 @@ def wear(
     on: ArrayLike | str | None = None,
     contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
     """Depth of wear or pressure along a line, at the end of some cycles.
 
     Parameters
@@ -89,12 +85,10 @@ def both(
     *,
     along: ArrayLike | str | None = None,
     on: ArrayLike | str | None = None,
-) -> Axes:
+) -> mpl.Axes:
     """Draw pressure above depth in a new figure; arguments as of `wear`."""
-    from matplotlib.figure import Figure
-
     width, height = style.SIZE
-    figure = Figure(figsize=(width, 1.7 * height), layout="constrained")
+    figure = mpl.Figure(figsize=(width, 1.7 * height), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     wear(result, "pressure", along=along, on=on, ax=above)
     wear(result, "depth", along=along, on=on, ax=below)
@@ -102,7 +96,7 @@ def both(
     if legend is not None:
         legend.remove()
     above.set_xlabel("")
-    axes: Axes = below
+    axes: mpl.Axes = below
     return style.show_in_notebooks(axes)
 
 
@@ -138,6 +132,4 @@ def _choose(path: Result, cycles: ArrayLike | None) -> list[int]:
 
 def _colour(number: int, count: int) -> tuple[float, float, float, float]:
     """Colours from light to dark, for the order of cycles."""
-    from matplotlib import colormaps
-
-    return colormaps["viridis_r"](0.15 + 0.85 * number / max(count - 1, 1))
+    return mpl.colormaps["viridis_r"](0.15 + 0.85 * number / max(count - 1, 1))

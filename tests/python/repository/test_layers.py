@@ -38,6 +38,7 @@ PYTHON_NAMES = {
     "skfem": ("mesh/kinds.py", "mesh/serendipity.py"),
     "h5py": ("files/export.py", "files/vtkhdf.py", "fclib.py"),
     "pandas": ("contact/results/tables.py",),
+    "matplotlib": ("plots/mpl.py", "plots/space_axes.py", "contact/results/result.py"),
     "petsc4py": ("petsc/library.py",),
     "mpi4py": ("petsc/library.py",),
     "jax": ("frameworks/jax_primitive.py", "frameworks/jax.py"),

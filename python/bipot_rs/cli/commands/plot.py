@@ -184,9 +184,9 @@ def run(asked: argparse.Namespace, _: Interrupts) -> int:
 
 def check_format(target: Path) -> None:
     """Refuse a suffix for which matplotlib has no format, before drawing."""
-    from matplotlib.backend_bases import FigureCanvasBase
+    from bipot_rs.plots import mpl
 
-    formats = FigureCanvasBase.get_supported_filetypes()
+    formats = mpl.FigureCanvasBase.get_supported_filetypes()
     if target.suffix.lower().removeprefix(".") not in formats:
         raise ValueError(
             f"cannot draw {target}, expected a suffix of {', '.join(formats)}"

@@ -21,11 +21,9 @@ from bipot_rs.cli.study.folder import (
     read_record,
 )
 from bipot_rs.contact.results.tables import COMPONENTS, FORCES, MOMENTS, TORQUE
-from bipot_rs.plots import style
+from bipot_rs.plots import mpl, style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from bipot_rs._lib.types import Bools, Floats
 
 # Marks of series; with more of them, a colour bar shows their numbers.
@@ -112,13 +110,11 @@ def _read_columns(
 def _draw_series(
     series: Mapping[str, tuple[Floats, Bools]],
     parameter: str,
-    ax: Axes,
+    ax: mpl.Axes,
     *,
     joined: bool,
 ) -> None:
     """Draw the series with one colour each; crosses are rows not solved to the end."""
-    from matplotlib.lines import Line2D
-
     few = len(series) <= len(_MARKS)
     colours: list[Any] = [style.cycle(k) for k in range(len(series))]
     if not few:
@@ -144,7 +140,7 @@ def _draw_series(
     if not all(solved.all() for _, solved in series.values()):
         label = "not solved to the end: last solved load step"
         cross: style.LineStyle = {"color": style.QUIET, "ls": "none", "marker": "x"}
-        handles.append(Line2D([], [], label=label, **cross))
+        handles.append(mpl.Line2D([], [], label=label, **cross))
     style.bare(ax)
     if handles or parameter:
         # The entry of the crosses is as wide as three others.
