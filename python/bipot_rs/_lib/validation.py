@@ -81,6 +81,16 @@ def floats(
     return array
 
 
+def shaped(what: str, value: object, *shapes: tuple[int, ...]) -> Floats:
+    """``value`` as array of float64 of one of several shapes; ``()`` is a number."""
+    array = floats(what, value)
+    if array.shape not in shapes:
+        named = [str(shape) if shape else "a number" for shape in shapes]
+        expected = f"{', '.join(named[:-1])} or {named[-1]}"
+        raise ValueError(f"{what} has shape {array.shape}, expected {expected}")
+    return array
+
+
 def _as_numbers(what: str, value: object) -> NDArray[Any]:
     """Real numbers as float64 where they have another type; none of them is masked."""
     array = _as_array(what, value)
@@ -251,14 +261,8 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
 
 def by_contact(what: str, value: ArrayLike, contacts: int) -> Floats:
     """One number for all contacts, or one for each, as ``(n_c,)``."""
-    by_contact_number = floats(what, value)
-    if by_contact_number.ndim == 0:
-        by_contact_number = np.full(contacts, float(by_contact_number))
-    if by_contact_number.shape != (contacts,):
-        raise ValueError(
-            f"{what} has shape {by_contact_number.shape}, expected a number or ({contacts},)"
-        )
-    return by_contact_number
+    given = shaped(what, value, (), (contacts,))
+    return given if given.ndim else np.full(contacts, float(given))
 
 
 def coulomb(mu: ArrayLike, contacts: int) -> Floats:

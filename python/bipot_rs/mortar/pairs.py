@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
-from bipot_rs._lib.validation import floats, integers, number, show_value
+from bipot_rs._lib.validation import floats, integers, number, shaped, show_value
 from bipot_rs.contact.law.frames import frames
 from bipot_rs.mortar.facet_mesh import FacetMesh, bases, candidates, surface
 from bipot_rs.mortar.shape_functions import reference
@@ -289,13 +289,9 @@ def rigid_pairs(
     if normal is None:
         normals = _normals(slave, weights_of_nodes.node)
     else:
-        normals_given = floats("normal", normal(places) if callable(normal) else normal)
-        if normals_given.shape not in ((slave.dim,), places.shape):
-            raise ValueError(
-                f"normal has shape {normals_given.shape}, expected ({slave.dim},) or "
-                f"{places.shape}"
-            )
-        normals = np.broadcast_to(normals_given, places.shape)
+        given = normal(places) if callable(normal) else normal
+        given = shaped("normal", given, (slave.dim,), places.shape)
+        normals = np.broadcast_to(given, places.shape)
     return make_rigid_pairs(
         slave, weights_of_nodes, normals, axis, _columns(slave, dofs, None, None, n)
     )

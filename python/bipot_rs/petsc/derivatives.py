@@ -33,7 +33,12 @@ from bipot_rs.contact.sensitivity.model import (
     check_cotangent,
 )
 from bipot_rs.contact.sensitivity.path_derivatives import Backward, Forward
-from bipot_rs.contact.sensitivity.response import PathResponse, Stalled, sum_work
+from bipot_rs.contact.sensitivity.response import (
+    KrylovSystem,
+    PathResponse,
+    Stalled,
+    sum_work,
+)
 from bipot_rs.petsc.agreement import check_same, do_together
 from bipot_rs.petsc.engine import PetscEngine
 from bipot_rs.petsc.operator import Operator
@@ -68,7 +73,7 @@ class DistributedResponse(PathResponse):
         """Components that a reaction moves, ``(n_c, d)``."""
         return self.diagonal > 0
 
-    def factor_laws(self, laws: Laws) -> _IterativeSystem:
+    def factor_laws(self, laws: Laws) -> KrylovSystem:
         """The system (33) of these laws.
 
         Raises `Stalled`: one of them determines nothing.
@@ -77,7 +82,7 @@ class DistributedResponse(PathResponse):
         if core is None:
             raise Stalled
         shape = len(laws.contacts), laws.by_r.shape[1]
-        return _IterativeSystem(self._engine, core, shape)
+        return KrylovSystem(_IterativeSystem(self._engine, core, shape).solve_row)
 
     def find_relative_motion(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""
@@ -124,22 +129,18 @@ class DistributedResponse(PathResponse):
 
 @dataclass(frozen=True)
 class _IterativeSystem:
-    """A system (33) whose right sides take a Krylov solve each."""
+    """A system (33) for a Krylov solve."""
 
     engine: PetscEngine
     core: _core.LinearisedLaws
     # Number of laws, and of components of each.
     shape: tuple[int, int]
-    # Not known; the solver does not converge where it is small.
-    reciprocal_condition: float = 1.0
 
-    def solve(self, right: Floats, /) -> Floats:
-        """``dr`` of the contacts and ``dy`` of the own rows, a row for each right side."""
-        return np.stack([self._solve_forward(row) for row in right])
-
-    def solve_transposed(self, right: Floats, /) -> Floats:
-        """The same with the transposed matrix."""
-        return np.stack([self._solve_backward(row) for row in right])
+    def solve_row(self, right: Floats, transposed: bool) -> Floats:
+        """``dr`` of the contacts and ``dy`` of the own rows."""
+        if transposed:
+            return self._solve_backward(right)
+        return self._solve_forward(right)
 
     def _split_right_side(self, right: Floats) -> tuple[Floats, PetscVec]:
         """Right sides of the laws, and those of the rows."""

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import CsrMatrix, Floats
-from bipot_rs._lib.validation import floats, integers, number
+from bipot_rs._lib.validation import floats, integers, number, shaped
 from bipot_rs.fem.bodies.body import Body, Field, Quadrature
 from bipot_rs.fem.bodies.elasticity import nodal_forces
 from bipot_rs.fem.bodies.materials import Material
@@ -287,14 +287,10 @@ class Soil:
         """
         places = self.quadrature.places
         shape = places.shape[1:]
-        tensors = floats("stress", stress(places) if callable(stress) else stress)
+        given = stress(places) if callable(stress) else stress
+        tensors = shaped("stress", given, (3, 3), (3, 3, *shape), (*shape, 6))
         if tensors.shape == (*shape, 6):
             return tensors
-        if tensors.shape not in ((3, 3), (3, 3, *shape)):
-            raise ValueError(
-                f"stress has shape {tensors.shape}, expected (3, 3), {(3, 3, *shape)} or "
-                f"{(*shape, 6)}"
-            )
         skew = tensors - tensors.swapaxes(0, 1)
         if np.abs(skew).max() > 1e-12 * np.abs(tensors).max():
             raise ValueError("stress is not symmetric, expected symmetric tensors")

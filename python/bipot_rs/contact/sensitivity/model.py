@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, MatrixLike
-from bipot_rs._lib.validation import csr, floats, loads
+from bipot_rs._lib.validation import csr, floats, loads, shaped
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
 from bipot_rs.contact.results.derivatives import DataChange
@@ -100,14 +100,8 @@ def spread_change(what: str, change: ArrayLike | None, mu: Floats, d: int) -> Fl
     """A change of the friction coefficients along each tangent, ``(n_c, d - 1)``."""
     if change is None:
         return np.zeros((len(mu), d - 1))
-    change_of_mu = floats(what, change)
-    if change_of_mu.ndim == 0:
-        change_of_mu = np.full(mu.shape, float(change_of_mu))
-    if change_of_mu.shape != mu.shape:
-        raise ValueError(
-            f"{what} has shape {change_of_mu.shape}, expected a number or {mu.shape}"
-        )
-    return spread_friction(change_of_mu, d)
+    change_of_mu = shaped(what, change, (), mu.shape)
+    return spread_friction(np.broadcast_to(change_of_mu, mu.shape), d)
 
 
 def check_rest(

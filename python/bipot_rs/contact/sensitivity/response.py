@@ -273,24 +273,18 @@ class Stalled(Exception):
 class KrylovSystem:
     """A system (33) whose right sides take a Krylov solve each."""
 
-    core: _core.PrimalTangent
-    laws: Laws
+    # Solves for a right side, with the matrix or its transpose: `dr` of the contacts and `dy`.
+    solve_row: Callable[[Floats, bool], Floats]
     # Not known; the solver does not converge where it is small.
     reciprocal_condition: float = 1.0
 
     def solve(self, right: Floats, /) -> Floats:
-        """``dr`` of the contacts and ``dy``, a row for each right side."""
-        return np.stack([self._solve_row(row, transposed=False) for row in right])
+        """Solve for right sides, a row each."""
+        return np.stack([self.solve_row(row, False) for row in right])
 
     def solve_transposed(self, right: Floats, /) -> Floats:
         """The same with the transposed matrix."""
-        return np.stack([self._solve_row(row, transposed=True) for row in right])
-
-    def _solve_row(self, right: Floats, *, transposed: bool) -> Floats:
-        solution = self.core.solve(*self.laws.parts, right, transposed)
-        if solution is None:
-            raise Stalled
-        return solution
+        return np.stack([self.solve_row(row, True) for row in right])
 
 
 class DisplacementResponse(PathResponse):
@@ -319,7 +313,14 @@ class DisplacementResponse(PathResponse):
 
     def factor_laws(self, laws: Laws) -> KrylovSystem:
         """The system (33) of these laws."""
-        return KrylovSystem(self._core, laws)
+
+        def solve_row(right: Floats, transposed: bool) -> Floats:
+            solution = self._core.solve(*laws.parts, right, transposed)
+            if solution is None:
+                raise Stalled
+            return solution
+
+        return KrylovSystem(solve_row)
 
     def find_relative_motion(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""

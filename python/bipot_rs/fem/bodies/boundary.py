@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
-from bipot_rs._lib.validation import floats, number
+from bipot_rs._lib.validation import floats, number, shaped
 from bipot_rs.fem.bodies.body import Body, Box, Field, nodes_within
 from bipot_rs.fem.bodies.elasticity import nodal_forces, surface_stiffness
 from bipot_rs.fem.bodies.materials import Material
@@ -76,11 +76,7 @@ def spring_stiffness(body: Body, spring: Spring) -> CsrMatrix:
     unit = np.eye(body.dim)[:, :, None, None]
     if spring.stiffness is not None:
         what = f"stiffness of the spring on {spring.surface!r}"
-        foundation = floats(what, spring.stiffness)
-        if foundation.shape not in ((), (body.dim,)):
-            raise ValueError(
-                f"{what} has shape {foundation.shape}, expected a number or ({body.dim},)"
-            )
+        foundation = shaped(what, spring.stiffness, (), (body.dim,))
         density = unit * np.broadcast_to(foundation, (body.dim,))[:, None, None, None]
     else:
         n = np.asarray(points.normals)
@@ -246,12 +242,8 @@ class Load:
 
     def of_steps(self, steps: int) -> Floats:
         """The factor of each step, ``(steps,)``; `ValueError` for another number."""
-        factors = floats(f"factors of the load of body {self.body!r}", self.factors)
-        if factors.shape not in ((), (steps,)):
-            raise ValueError(
-                f"factors of the load of body {self.body!r} has shape {factors.shape}, "
-                f"expected a number or ({steps},)"
-            )
+        what = f"factors of the load of body {self.body!r}"
+        factors = shaped(what, self.factors, (), (steps,))
         return np.broadcast_to(factors, (steps,))
 
     def forces(self, body: Body) -> Floats:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.validation import floats, shaped
 from bipot_rs.fem.bodies.body import Body, Field
 from bipot_rs.fem.bodies.elasticity import distinct_cells
 from bipot_rs.fem.bodies.materials import elasticity
@@ -216,11 +216,7 @@ def thermal(
         Directions of the material as rows ``(3, 3)``, as ``material.directions``; default
         the coordinate axes.
     """
-    alpha = floats("expansion", expansion)
-    if alpha.shape not in ((), (3,)):
-        raise ValueError(
-            f"expansion has shape {alpha.shape}, expected a number or (3,)"
-        )
+    alpha = shaped("expansion", expansion, (), (3,))
     rows = np.eye(3) if axes is None else floats("axes", axes, shape=(3, 3))
     unit = np.einsum("k,ki,kj->ij", np.broadcast_to(alpha, (3,)), rows, rows)
     if not callable(temperature):

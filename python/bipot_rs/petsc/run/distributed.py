@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TypedDict, Unpack, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,31 +32,6 @@ from bipot_rs.petsc.result import Result, Step
 from bipot_rs.petsc.run.numbering import assemble_stiffness, share_nodes
 from bipot_rs.petsc.run.ranks import World
 from bipot_rs.scene.case import Case
-
-
-class _RunSettings(TypedDict, total=False):
-    """Settings of the solver."""
-
-    tol: float
-    max_iterations: int | None
-    max_seconds: float | None
-
-
-class _SolveArguments(_RunSettings, total=False):
-    """Settings and other keywords of `ContactProblem.solve`."""
-
-    gap: ArrayLike | MovingGaps | None
-
-
-class _OfFollow(_RunSettings, total=False):
-    """Settings and other keywords of `ContactProblem.follow`."""
-
-    stops: ArrayLike
-    first: float | None
-    largest: float | None
-    smallest: float | None
-    slip: float | None
-    gap: Callable[[float], ArrayLike] | None
 
 
 class DistributedProblem:
@@ -123,11 +98,12 @@ class DistributedProblem:
         method: str = "auto",
         start: Start | None = None,
         on_step: Callable[[int, WholeStep], object] | None = None,
-        **settings: Unpack[_SolveArguments],
+        **others: Any,
     ) -> Result:
         """`ContactProblem.solve` with loads in the numbering of the model.
 
-        The steps that ``on_step`` gets have displacements on rank 0 only.
+        ``others`` are its other keywords. The steps that ``on_step`` gets have displacements
+        on rank 0 only.
         """
         check_method(method, "petsc")
         loads = None
@@ -138,7 +114,7 @@ class DistributedProblem:
             prescribed,
             start=self._prepare_start(start),
             on_step=self._gather_before(on_step),
-            **settings,
+            **others,
         )
 
     def follow(
@@ -149,7 +125,7 @@ class DistributedProblem:
         method: str = "auto",
         start: Start | None = None,
         on_step: Callable[[int, WholeStep], object] | None = None,
-        **settings: Unpack[_OfFollow],
+        **others: Any,
     ) -> Result:
         """`ContactProblem.follow` with loads in the numbering of the model, as `solve`."""
         check_method(method, "petsc")
@@ -158,7 +134,7 @@ class DistributedProblem:
             prescribed,
             start=self._prepare_start(start),
             on_step=self._gather_before(on_step),
-            **settings,
+            **others,
         )
 
     def _make_vector(self, values: Floats) -> PetscVec:
