@@ -23,6 +23,7 @@ from scipy import linalg, sparse
 from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact.law.contact_law import BESIDE_MU
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
@@ -539,8 +540,11 @@ def _refuse_model(case: Case) -> None:
         mu, where = np.ravel(contact.mu).tolist(), f"of contacts[{k}] is"
         for refused, what in (
             (len(set(mu)) > 1, f"mu {where} {mu}, expected one number"),
-            (contact.cohesion, f"cohesion {where} {contact.cohesion:g}, expected 0"),
-            (contact.dilatancy, f"dilatancy {where} {contact.dilatancy:g}, expected 0"),
+            *(
+                (value, f"{name} {where} {value:g}, expected 0")
+                for name in BESIDE_MU
+                for value in [getattr(contact, name)]
+            ),
             (
                 contact.pairing != "match",
                 f"pairing {where} {contact.pairing!r}, expected 'match'",

@@ -35,11 +35,10 @@ def contacts(case: Case) -> dict[str, AnyArray]:
         "normal": model.frame[:, 0],
         "area": model.area,
         "gap": model.gap,
-        "mu": model.mu,
         "frame": model.frame,
     }
-    numbers = {"cohesion": model.cohesion, "dilatancy": model.dilatancy}
-    return arrays | {name: value for name, value in numbers.items() if value.any()}
+    rest = {name: value for name, value in model.law.items() if value.any()}
+    return arrays | {"mu": model.mu} | rest
 
 
 # Statistics of a problem that the file keeps.

@@ -71,8 +71,7 @@ class ContactLaw:
 
         What makes another problem of a law takes them from here, so that none is lost.
         """
-        names = [field.name for field in fields(self) if field.name != "mu"]
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in BESIDE_MU}
 
     def with_mu(self, mu: ArrayLike, d: int) -> ContactLaw:
         """The law with other friction coefficients, checked as in `check`."""
@@ -103,6 +102,11 @@ class ContactLaw:
         return {"mu": self.mu} | {
             name: value for name, value in rest if value is not None
         }
+
+
+# The numbers of a contact beside its friction, by their names: those of the arguments of each
+# problem, of `fem.contact.contact.Contact` and `Assembly`, and of datasets.
+BESIDE_MU = tuple(field.name for field in fields(ContactLaw) if field.name != "mu")
 
 
 def _check_number(what: str, value: ArrayLike | None, contacts: int) -> Floats | None:

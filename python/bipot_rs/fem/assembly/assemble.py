@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
+from bipot_rs.contact.law.contact_law import BESIDE_MU
 from bipot_rs.contact.law.frames import turn_operator
 from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
 from bipot_rs.fem.assembly.assembly import Assembly, Support
@@ -139,8 +140,8 @@ def assemble(
     free[[point.first for point in points_of if point.kind == "bolt"]] = 1.0
     whole = B if inclined is None or bare is None else bare
     stuck = _without_slip(B, whole, free, met.frame, path)
-    for numbers in (met.mu, met.cohesion, met.dilatancy):
-        numbers[stuck] = 0.0
+    for name in ("mu", *BESIDE_MU):
+        getattr(met, name)[stuck] = 0.0
 
     assembly = Assembly(
         numbered=numbered,

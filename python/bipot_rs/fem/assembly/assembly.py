@@ -19,7 +19,15 @@ from bipot_rs._lib.machine import available
 from bipot_rs._lib.matrices import diagonal_matrix, rigid_motions
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.records import short_repr
-from bipot_rs._lib.types import AnyArray, Bools, CsrMatrix, Floats, Integers, Ints
+from bipot_rs._lib.types import (
+    AnyArray,
+    Bools,
+    CsrMatrix,
+    Floats,
+    Integers,
+    Ints,
+    OpenRecord,
+)
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.errors import (
     NotIterativeError,
@@ -27,6 +35,7 @@ from bipot_rs.contact.errors import (
     with_message,
     with_reason,
 )
+from bipot_rs.contact.law.contact_law import BESIDE_MU
 from bipot_rs.contact.law.frames import turn_operator
 from bipot_rs.contact.path.choice import choose_engine
 from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
@@ -188,6 +197,11 @@ class Assembly:
     def bodies(self) -> tuple[Body, ...]:
         """The bodies as passed to `assemble`."""
         return tuple(numbered.body for numbered in self.numbered.values())
+
+    @property
+    def law(self) -> OpenRecord:
+        """The numbers of the law of each contact, as arguments of a problem."""
+        return {name: getattr(self, name) for name in ("mu", *BESIDE_MU)}
 
     @property
     def bolts(self) -> tuple[Reference, ...]:
@@ -431,9 +445,7 @@ class Assembly:
                 K,
                 self.B,
                 gap=self.gap,
-                mu=self.mu,
-                cohesion=self.cohesion,
-                dilatancy=self.dilatancy,
+                **self.law,
                 fixed=self.fixed,
                 area=self.area,
                 dim=self.dim,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, show_value
+from bipot_rs.contact.law.contact_law import BESIDE_MU
 from bipot_rs.fem.bodies.body import Body, Box, Quadrature
 from bipot_rs.mortar.facet_mesh import FacetMesh, drop_rounding, surface, turned_outward
 from bipot_rs.obstacle.motion import Motion
@@ -114,7 +115,7 @@ def check_contact(contact: Contact, dim: int) -> None:
         raise ValueError(
             f"{what} is {contact.mu}, expected a finite number, zero or positive"
         )
-    for name in ("cohesion", "dilatancy"):
+    for name in BESIDE_MU:
         about = f"{name} of the contact on {contact.surface!r}"
         value = getattr(contact, name)
         if not 0 <= number(about, value) < np.inf:

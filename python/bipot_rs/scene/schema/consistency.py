@@ -489,6 +489,10 @@ def _repetitions(scene: Scene) -> Iterator[Mistake]:
     yield from _refuse((wrong, "solver.engine", f"should not be 'petsc', {others}"))
 
 
+def _list_law(contact: Touch) -> Iterable[tuple[str, float]]:
+    return contact.model_dump(include=_LAW).items()
+
+
 def _friction(place: str, contact: Touch, dim: int) -> Iterator[Mistake]:
     mu, axis = contact.mu, contact.axis
     if not isinstance(mu, list):
@@ -511,8 +515,7 @@ def _friction(place: str, contact: Touch, dim: int) -> Iterator[Mistake]:
     )
     twice = "needs one number in mu, got two"
     yield from _refuse(
-        (contact.cohesion > 0, f"{place}.cohesion", twice),
-        (contact.dilatancy > 0, f"{place}.dilatancy", twice),
+        *((value > 0, f"{place}.{key}", twice) for key, value in _list_law(contact)),
         (dim == 2, f"{place}.mu", two),
         (not min(mu) * RATIO >= max(mu), f"{place}.mu", near),
     )
@@ -620,7 +623,7 @@ def _wear(scene: Scene) -> Iterator[Mistake]:
         *(
             (value > 0, f"contact.{k}.{key}", "remove it, wear is not derived for it")
             for k, contact in enumerate(scene.contact)
-            for key, value in contact.model_dump(include=_LAW).items()
+            for key, value in _list_law(contact)
         ),
         (isinstance(solver.tol, str), "solver.tol", tol),
     )

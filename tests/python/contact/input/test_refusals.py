@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
+from bipot_rs.contact.law.contact_law import BESIDE_MU
 
 Array = NDArray[np.float64]
 NAN, INF = math.nan, math.inf
@@ -507,7 +508,7 @@ def test_a_spoiled_scalar(call: Call, argument: str) -> None:
         refused(call, argument, value, EITHER, "")
 
 
-@pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
+@pytest.mark.parametrize("what", BESIDE_MU)
 def test_what_is_not_derived_for_cohesion_and_dilatancy(what: str) -> None:
     law = {what: 0.1, "mu": 0.5, "area": np.ones(2)}
     refused(problem, "working_set", True, VALUE, "cohesion or dilatancy", **law)
@@ -517,7 +518,7 @@ def test_what_is_not_derived_for_cohesion_and_dilatancy(what: str) -> None:
         problem(**law).wear(np.zeros(6), coefficient=1.0, cycles=2)
 
 
-@pytest.mark.parametrize("what", ["cohesion", "dilatancy"])
+@pytest.mark.parametrize("what", BESIDE_MU)
 def test_cohesion_or_dilatancy_with_two_coefficients(what: str) -> None:
     g = good(3, 2)
     two = np.array([[0.3, 0.2], [0.3, 0.3]])

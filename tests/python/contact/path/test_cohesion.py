@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
+from bipot_rs.contact.law.contact_law import BESIDE_MU
 from support.comparisons import FIELDS, solve_in_parts
 
 Array = NDArray[np.float64]
@@ -391,7 +392,7 @@ class TestDerivatives:
         problem = bp.ContactProblem(**(arrays | moved), engine=engine)
         return problem.solve(loads, tol=TOL)
 
-    @pytest.mark.parametrize("name", ["cohesion", "dilatancy", "mu", "gap"])
+    @pytest.mark.parametrize("name", ["mu", *BESIDE_MU, "gap"])
     @pytest.mark.parametrize("engine", ["direct", "iterative"])
     def test_tangents_and_gradients(self, name: str, engine: str) -> None:
         step, compared = 1e-6, 0
