@@ -37,3 +37,12 @@ def diagonal_matrix(values: Floats) -> CsrMatrix:
     """CSR array with ``values (n,)`` on its diagonal."""
     diagonal: CsrMatrix = sparse.csr_array(sparse.diags_array(values))
     return diagonal
+
+
+def block_diagonal(blocks: Floats) -> CsrMatrix:
+    """CSR array with blocks ``(n, d, d)`` on its diagonal."""
+    count, d, _ = blocks.shape
+    places = np.arange(count), np.arange(count + 1)
+    made = sparse.bsr_array((blocks, *places), shape=(d * count, d * count))
+    diagonal: CsrMatrix = made.tocsr()
+    return diagonal

@@ -10,6 +10,7 @@ from bipot_rs._lib.types import AnyArray, Bools, Floats, Ints
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.contact.contact import ContactSurface
 from bipot_rs.files.result_mesh import Cells, ResultMesh
+from bipot_rs.mortar.shape_functions import CORNER_SHAPES, kind_of, reference
 
 # Share of the area of a node that no picture shows.
 _SEEN = 0.02
@@ -62,7 +63,6 @@ def find_patches(model: Assembly) -> tuple[dict[str, AnyArray], list[Bools]]:
         at_nodes = of_dof[numbered.dofs[:, 0]]
         if contact.pairing == "mortar" and contact.against is not None:
             from bipot_rs.mortar.integrals import overlaps
-            from bipot_rs.mortar.shape_functions import CORNER_SHAPES, reference
 
             mesh, against = side.mesh(), model.numbered[contact.against[0]].body
             area = np.where(at_nodes >= 0, model.area[at_nodes], 0.0)
@@ -163,9 +163,8 @@ def contact_surface(
                 # Normals of contacts point into the body.
                 inwards = model.frame[corners[:, 0], 0]
                 inside_out = np.sum(np.cross(b - a, c - b) * inwards, axis=1) > 0
-                corners[inside_out] = corners[inside_out][
-                    :, _mirror_nodes(corners.shape[1])
-                ]
+                mirror = list(kind_of("facets", 3, corners.shape[1]).mirror)
+                corners[inside_out] = corners[inside_out][:, mirror]
             alone[corners.ravel()] = False
             blocks.setdefault(shape, []).append(corners)
     cells = [(kind, np.concatenate(parts)) for kind, parts in blocks.items()]
@@ -190,15 +189,3 @@ def result_mesh(model: Assembly) -> ResultMesh:
         model.contact_dofs[:, 0] // d,
         [Cells(kind, corners) for kind, corners in contact_surface(model)],
     )
-
-
-def _mirror_nodes(nodes: int) -> list[int]:
-    """Order of the nodes that reverses the orientation of a facet in space.
-
-    Nodes are the corners, the midpoints of the edges in their order, and the centre.
-    """
-    corners = 3 if nodes in (3, 6) else 4
-    around = [0, *range(corners - 1, 0, -1)]
-    # The edges in reverse, starting from the last.
-    edges = range(2 * corners - 1, corners - 1, -1) if nodes > corners else ()
-    return [*around, *edges, *range(2 * corners, nodes)]

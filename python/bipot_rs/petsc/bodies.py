@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import block_diag
 
 import bipot_rs._core as _core
+from bipot_rs._lib import matrices
 from bipot_rs._lib.types import AnyArray, Bools, Communicator, CsrMatrix, Floats, Ints
 from bipot_rs.contact.errors import NotIterativeError
 from bipot_rs.petsc.own_rows import OwnRows
@@ -224,11 +225,9 @@ def rigid_motions(
     if rows:
         low, high = coordinates.min(axis=0), coordinates.max(axis=0)
     low, high = _reduce_all(comm, low, op=MPI.MIN), _reduce_all(comm, high, op=MPI.MAX)
-    arm = np.zeros((rows, 3))
-    arm[:, :d] = coordinates - (0.5 * low + 0.5 * high)
-    direction = np.arange(rows, dtype=np.int64) % d
+    arm = coordinates[::d] - (0.5 * low + 0.5 * high)
     reach = float((high - low).max()) or 1.0
-    return _core.rigid_motions(direction, arm, d, reach)
+    return matrices.rigid_motions(arm, reach).reshape(rows, -1)
 
 
 def _reduce_all(comm: Communicator, values: Array, **operation: object) -> Array:

@@ -30,10 +30,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 import bipot_rs._core as _core
-from bipot_rs._lib.matrices import length
+from bipot_rs._lib.matrices import block_diagonal, length
 from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import csr, floats, number
 from bipot_rs.theory.convex import dot, within
@@ -238,13 +237,9 @@ class PlasticPoints:
 
     def stiffness_matrix(self, jacobian: Floats | None = None) -> CsrMatrix:
         """``∫ ε(φ_i):C:ε(φ_j) dΩ``, elastic or with derivatives of `respond`, ``(n, n)``."""
-        m, d = self.springs.shape
-        law = np.eye(d) if jacobian is None else jacobian
+        law = np.eye(self.d) if jacobian is None else jacobian
         blocks = self.weights[:, None, None] * law * self.springs[:, None, :]
-        inner: CsrMatrix = sparse.bsr_array(
-            (blocks, np.arange(m), np.arange(m + 1)), shape=(d * m, d * m)
-        ).tocsr()
-        return (self.strain.T @ (inner @ self.strain)).tocsr()
+        return (self.strain.T @ (block_diagonal(blocks) @ self.strain)).tocsr()
 
     def respond(
         self,

@@ -25,6 +25,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import bipot_rs._core as _core
+from bipot_rs._lib.matrices import rigid_motions
 from bipot_rs._lib.messages import make_type_error, place
 from bipot_rs._lib.records import short_repr
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
@@ -441,15 +442,10 @@ class Structure:
             for part in range(part_of.max() + 1):
                 inside = np.flatnonzero(part_of == part)
                 centre = body.points[inside].mean(axis=0)
-                arm = np.zeros((len(inside), 3))
-                arm[:, :d] = body.points[inside] - centre
-                directions = np.tile(np.arange(d), len(inside))
-                reach = np.abs(arm).max()
-                moved = _core.rigid_motions(
-                    directions, np.repeat(arm, d, axis=0), d, reach
-                )
-                whole = np.zeros((self.n, moved.shape[1]))
-                whole[first + dofs_of(inside, d)] = moved
+                arm = body.points[inside] - centre
+                moved = rigid_motions(arm, float(np.abs(arm).max()))
+                whole = np.zeros((self.n, moved.shape[2]))
+                whole[first + dofs_of(inside, d)] = moved.reshape(-1, moved.shape[2])
                 rows = np.vstack([whole[self.fixed], self.B @ whole])
                 if len(_core.free_motions(rows)):
                     raise ValueError(

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from bipot_rs._lib.matrices import length
+from bipot_rs._lib.matrices import block_diagonal, length
 from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs.contact.path.bond import Bond
 from bipot_rs.theory.convex import dot
@@ -391,12 +391,12 @@ class StepSolver:
         # The unknowns are du and dr/ρ, so that all entries are stiffnesses.
         springs = structure.springs[:, None, None]
         rho = sparse.diags_array(np.repeat(structure.springs, d))
-        by_v = _block_diagonal(at.by_tau * self.rho[:, None]) @ B
+        by_v = block_diagonal(at.by_tau * self.rho[:, None]) @ B
         kept = np.full((contacts, d), _REDUNDANT)
         # Where a guided contact sticks, nothing determines its friction: it stays.
         sticks = (at.by_tau[:, 1:, 1:] == np.eye(d - 1)).all(axis=(1, 2))
         kept[structure.guided & sticks, 1:] = 1.0
-        by_r = _block_diagonal(springs * (np.eye(d) * (1 + kept)[:, None] - at.by_tau))
+        by_r = block_diagonal(springs * (np.eye(d) * (1 + kept)[:, None] - at.by_tau))
         system = sparse.block_array([[inner, -B.T @ rho], [by_v, by_r]])
         try:
             factor = splu(
@@ -515,14 +515,6 @@ class StepSolver:
             work += float(group.weights @ dot(before - stress, x))
             elastic += float(group.weights @ dot(group.springs * x, x))
         return work / elastic if elastic > 0 else 1.0
-
-
-def _block_diagonal(blocks: Floats) -> CsrMatrix:
-    count, d, _ = blocks.shape
-    made: CsrMatrix = sparse.bsr_array(
-        (blocks, np.arange(count), np.arange(count + 1)), shape=(d * count, d * count)
-    ).tocsr()
-    return made
 
 
 def _find_lack_across(group: PlasticPoints, tensors: Floats, stress: Floats) -> float:

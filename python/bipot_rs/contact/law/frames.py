@@ -100,12 +100,12 @@ def turn_operator(frame: Floats, base: Floats, B: CsrMatrix) -> CsrMatrix:
     """Convert B in the frames ``base (n_c, d, d)`` to the frames ``frame``."""
     if (frame == base).all():
         return B
-    from scipy.sparse import bsr_array, csr_array
+    from scipy.sparse import csr_array
 
-    count = len(base)
-    blocks = find_rotation(frame, base).reshape(frame.shape)
-    rotation = bsr_array((blocks, np.arange(count), np.arange(count + 1)))
-    turned: CsrMatrix = csr_array(rotation.tocsr() @ B)
+    from bipot_rs._lib.matrices import block_diagonal
+
+    rotation = block_diagonal(find_rotation(frame, base).reshape(frame.shape))
+    turned: CsrMatrix = csr_array(rotation @ B)
     return turned
 
 

@@ -292,7 +292,9 @@ def turn_tangents(
     None if no contact needs it: where supports hold a tangential direction at a contact, this
     direction is a tangent.
     """
-    from scipy.sparse import block_diag, csr_array
+    from scipy.sparse import csr_array
+
+    from bipot_rs._lib.matrices import block_diagonal
 
     free = csr_array(operator, copy=True)
     held = np.isin(free.indices, fixed)
@@ -311,7 +313,7 @@ def turn_tangents(
     if not turned.any():
         return None
     rotation[~turned] = np.eye(3)
-    B = csr_array(csr_array(block_diag(list(rotation), format="csr")) @ operator)
+    B = csr_array(block_diagonal(rotation) @ operator)
     row = np.repeat(np.arange(B.shape[0]), np.diff(B.indptr))
     rounding = turned[row // 3] & (row % 3 == 2) & ~np.isin(B.indices, fixed)
     B.data[rounding] = 0.0

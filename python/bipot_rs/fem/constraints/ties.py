@@ -26,6 +26,7 @@ from scipy import sparse
 from bipot_rs._lib.matrices import diagonal_matrix
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
+from bipot_rs.fem.bodies.elasticity import dofs_of
 from bipot_rs.fem.tuning import PREFERRED
 
 # Coefficients below this, relative to their relation, are rounding: mesh files give
@@ -91,14 +92,13 @@ class Ties:
         ``read`` gives rows of K of some of its ``count`` nodes.
         """
         d = self.nodes.shape[1]
-        wanted = (d * nodes[:, None] + np.arange(d)).ravel()
+        wanted = dofs_of(nodes, d)
         columns = sparse.csc_array(self.within)[:, wanted]
         needed = np.unique(columns.indices // d)
         needed = needed[needed < count]
         K = read(needed)
         K.resize((K.shape[0], self.nodes.size))
-        dofs = (d * needed[:, None] + np.arange(d)).ravel()
-        rows = (columns.tocsr()[dofs].T @ K @ self.within).tocoo()
+        rows = (columns.tocsr()[dofs_of(needed, d)].T @ K @ self.within).tocoo()
         # Zeros stay.
         row = np.concatenate([rows.row, np.arange(len(wanted))])
         column = np.concatenate([rows.col, wanted])

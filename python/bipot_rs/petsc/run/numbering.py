@@ -11,7 +11,7 @@ from scipy import sparse
 
 from bipot_rs._lib.types import Communicator, CsrMatrix, Floats, Ints, PetscMat
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.bodies.elasticity import find_neighbours
+from bipot_rs.fem.bodies.elasticity import dofs_of, find_neighbours
 from bipot_rs.petsc import tuning
 from bipot_rs.petsc.library import Library
 from bipot_rs.petsc.run.ranks import World
@@ -34,10 +34,10 @@ class Numbering:
     ) -> Numbering:
         """Number the nodes of each rank."""
         place = np.empty(dim * len(owner), np.int64)
-        place[_list_dofs(np.argsort(owner, kind="stable"), dim)] = np.arange(len(place))
+        place[dofs_of(np.argsort(owner, kind="stable"), dim)] = np.arange(len(place))
         nodes = np.flatnonzero(owner == ranks.number)
         counts = dim * np.bincount(owner, minlength=ranks.count)
-        return cls(owner, partitioner, place, nodes, _list_dofs(nodes, dim), counts)
+        return cls(owner, partitioner, place, nodes, dofs_of(nodes, dim), counts)
 
     def list_own_cells(self, model: Assembly) -> Sequence[Ints]:
         """Cells of each body whose first node this rank owns: those that it writes."""
@@ -48,10 +48,6 @@ class Numbering:
             np.flatnonzero(is_own[start + body.cells[:, 0]])
             for start, body in zip(first[:-1], model.bodies, strict=True)
         ]
-
-
-def _list_dofs(nodes: Ints, dim: int) -> Ints:
-    return (dim * nodes[:, None] + np.arange(dim)).ravel()
 
 
 def share_nodes(library: Library, ranks: World, model: Assembly) -> Numbering:
