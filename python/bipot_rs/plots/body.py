@@ -132,7 +132,6 @@ def deformed(
     places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
     if near is not None:
         corners = _around_contacts(model, places, near)
-    own_axes = ax is None
     ax = style.axes_of(ax, size=(5.4, 3.8), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
     image = draw(model, places, mises, ax)
@@ -161,8 +160,7 @@ def deformed(
         drawn = np.concatenate([places, model.nodes, tails])
         corners = _around_bodies(drawn, bands) if model.dim == 2 else drawn
     _show(corners, ax)
-    if own_axes:
-        style.fit(ax)
+    style.fit(ax)
     stress = style.stress_unit(units)
     most = float(mises.max(initial=0.0))
     style.colour_bar(image, ax, "von Mises stress", stress, extend=extend, most=most)

@@ -99,13 +99,12 @@ def sensitivity(
     marked: Bools = np.asarray(borders.any(axis=0))[chosen]
     name = f"d({of}) / d({_SYMBOLS[by]})"
     label = unit if by == "mu" else _ratio(unit, seen.units.get("length"))
-    own_axes, ax = ax is None, style.axes_of(ax)
+    ax = style.axes_of(ax)
     if seen.x.shape[1] == 2 or along is not None:
         _draw_line(seen, along, values, marked, (name, label), ax)
         return ax
     _draw_map(seen, values, marked, (name, label), ax)
-    if own_axes:
-        style.fit(ax)
+    style.fit(ax)
     return ax
 
 

@@ -108,10 +108,9 @@ def surface3d(
     vectors, limits = arrows and quantity == "slip", style.range_of(limits)
     if backend == "pyvista":
         return _pyvista(seen, quantity, outlined, vectors, limits, ax)
-    own_axes, ax = ax is None, style.axes_of(ax, size=(5.4, 4.2), space=True)
+    ax = style.axes_of(ax, size=(5.4, 4.2), space=True)
     draw_space(seen, quantity, ax, outlined, vectors, limits)
-    if own_axes:
-        style.fit(ax)
+    style.fit(ax)
     return ax
 
 

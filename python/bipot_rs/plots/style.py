@@ -261,7 +261,12 @@ def surface_handles(names: Iterable[str]) -> list[mpl.Line2D]:
 
 
 def fit(ax: mpl.Axes) -> None:
-    """Fit the height of a figure to one picture with equal scales, in 2D or 3D."""
+    """Fit the height of a figure of `axes_of` to one picture with equal scales, in 2D or 3D.
+
+    A figure that the user has made keeps its size.
+    """
+    if "_repr_png_" not in vars(ax):
+        return
     wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
     if ax.name == "3d":
         from bipot_rs.plots.space_axes import project_box

@@ -102,11 +102,10 @@ def surface_map(
     vector = vectors.get(quantity)
     if arrows is None:
         arrows = vector is not None and seen.frame is not None
-    own_axes, ax = ax is None, style.axes_of(ax)
+    ax = style.axes_of(ax)
     limits = style.range_of(limits)
     draw_map(seen, quantity, ax, vector if arrows else None, limits)
-    if own_axes:
-        style.fit(ax)
+    style.fit(ax)
     return ax
 
 
@@ -245,11 +244,10 @@ def status_map(
     """
     last = -1 if step is None else step
     seen = look(result, last, contacts=contacts, on=on, units=units)
-    own_axes, ax = ax is None, style.axes_of(ax)
+    ax = style.axes_of(ax)
     if seen.x.shape[1] == 3:
         draw_status(seen, ax)
-        if own_axes:
-            style.fit(ax)
+        style.fit(ax)
         return ax
     if step is None and isinstance(result, Result):
         path = steps_of(result)
@@ -297,7 +295,7 @@ def slip(
         arrow is that of the upper limit.
     """
     seen = look(result, step, contacts=contacts, on=on, units=units)
-    own_axes, ax, limits = ax is None, style.axes_of(ax), style.range_of(limits)
+    ax, limits = style.axes_of(ax), style.range_of(limits)
     if seen.x.shape[1] == 2 or along is not None:
         return draw_slip(seen, along, ax, limits)
     uv, names = plane_of(seen)
@@ -322,8 +320,7 @@ def slip(
         unit = seen.units.get("length")
         style.colour_bar(arrows, ax, "slip in the step", unit)
     style.note(ax, seen.said)
-    if own_axes:
-        style.fit(ax)
+    style.fit(ax)
     return ax
 
 

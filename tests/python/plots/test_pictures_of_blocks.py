@@ -10,6 +10,7 @@ from bipot_rs import plots
 from support.masonry import assemble, box
 
 pytest.importorskip("matplotlib")
+from matplotlib.figure import Figure
 
 
 def lines_of(ax: Any) -> dict[str, list[np.ndarray]]:
@@ -51,6 +52,12 @@ def test_resultants_and_thrust_line() -> None:
     assert lengths == {0.48: [1.0, 0.0], 0.24: [0.5, 2.0]}
     # The ground is outside what is drawn.
     assert [text.get_text() for text in ax.texts] == ["a", "b"]
+
+
+def test_a_figure_of_the_user_keeps_its_size() -> None:
+    figure = Figure(figsize=(9.0, 2.0))
+    plots.blocks(column(), ax=figure.add_subplot())
+    assert figure.get_size_inches().tolist() == [9.0, 2.0]
 
 
 def test_a_block_that_topples_has_a_hinge() -> None:
