@@ -20,18 +20,16 @@ from bipot_rs.plots.blocks import blocks
 from bipot_rs.plots.body import deformed
 from bipot_rs.plots.by_name import animate, plot
 from bipot_rs.plots.convergence import convergence
-from bipot_rs.plots.line import tractions
+from bipot_rs.plots.line import reaction_band, tractions, wear
 from bipot_rs.plots.path import (
     dissipation,
     force_displacement,
     resultants,
     status_shares,
 )
-from bipot_rs.plots.reaction_band import reaction_band
 from bipot_rs.plots.sensitivity import sensitivity
 from bipot_rs.plots.space import surface3d
 from bipot_rs.plots.surface import slip, status_map, surface_map
-from bipot_rs.plots.wear import wear
 
 __all__ = [
     "animate",

@@ -20,7 +20,7 @@ from bipot_rs.files.drafts import aside
 from bipot_rs.plots import mpl
 from bipot_rs.plots.body import deformed, usual_scale
 from bipot_rs.plots.data import look, model_of, steps_of
-from bipot_rs.plots.line import tractions
+from bipot_rs.plots.line import pressure_and_wear, tractions
 from bipot_rs.plots.path import (
     dissipation,
     force_displacement,
@@ -30,7 +30,6 @@ from bipot_rs.plots.path import (
 from bipot_rs.plots.space import surface3d
 from bipot_rs.plots.style import figure_of
 from bipot_rs.plots.surface import QUANTITIES, is_plane, slip, status_map, surface_map
-from bipot_rs.plots.wear import both
 
 # Quantities of flat maps that have no function of their own.
 _MAPS = ("pressure", "shear", "gap")
@@ -79,7 +78,7 @@ KINDS: Mapping[str, Picture] = (
         f"{name}_3d": Picture(surface3d, bodies=True, quantity=name)
         for name in (*QUANTITIES, "status")
     }
-    | {"wear": Picture(both)}
+    | {"wear": Picture(pressure_and_wear)}
 )
 
 

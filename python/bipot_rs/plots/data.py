@@ -16,6 +16,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Solution, Step
+from bipot_rs.files.fields import unit
 from bipot_rs.plots import triangles
 from bipot_rs.scene.units import find_inconsistency
 
@@ -125,6 +126,11 @@ class DrawnContacts:
         if self.area is None:
             return self.reaction
         return np.asarray(self.reaction / self.area[:, None])
+
+    @property
+    def traction_unit(self) -> str | None:
+        """Unit of `traction`."""
+        return unit("force" if self.area is None else "stress", self.units)
 
     @property
     def has_frame(self) -> Floats:

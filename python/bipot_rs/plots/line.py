@@ -1,4 +1,4 @@
-"""Pictures along a line: tractions with the friction limit, slip, status over the path."""
+"""Pictures along a line: tractions with the friction limit, slip, status, wear, ranges."""
 
 from __future__ import annotations
 
@@ -8,12 +8,25 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats, Integers
+from bipot_rs._lib.validation import floats, integers, one_of
 from bipot_rs.contact.law.contact_law import dissipation
 from bipot_rs.contact.law.status import Status
+from bipot_rs.contact.proof.reaction_range import ReactionRange
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.wear.record import Wear
 from bipot_rs.plots import mpl, style
-from bipot_rs.plots.arc_length import Places, common
-from bipot_rs.plots.data import ContactsArgument, DrawnContacts, look
+from bipot_rs.plots.arc_length import Places, common, places
+from bipot_rs.plots.data import (
+    ContactsArgument,
+    DrawnContacts,
+    contacts_of,
+    look,
+    selection,
+    steps_of,
+    units_of,
+)
 
 # With more contacts, markers would overlap.
 _MARKERS = 60
@@ -102,21 +115,15 @@ def draw_tractions(
         # In grey the colours are alike.
         mark = {"ls": "--"} | mark
         ax.plot(line.s, t, color=colours[1], lw=lw, label=what[1], **mark)
-    ax.axhline(0, color="black", lw=0.6)
-    if limits is not None:
-        ax.set_ylim(*limits)
-    strips(ax, lines, seen.status)
-    style.bare(ax)
+    finish_lines(ax, lines, seen.status, limits)
     kinds = [h for h in ax.get_lines() if h.get_label() in what]
     kinds += [] if edge is None else [edge]
     if len(lines) > 1:
         kinds = _styles(what, "" if edge is None else _name_limit(seen))
     _legend(ax, lines, kinds, seen)
     style.name_axis(ax.xaxis, name, seen.units.get("length"))
-    if seen.area is not None:
-        style.name_axis(ax.yaxis, "traction", style.stress_unit(seen.units))
-    else:
-        style.name_axis(ax.yaxis, "contact force", seen.units.get("force"))
+    label = "contact force" if seen.area is None else "traction"
+    style.name_axis(ax.yaxis, label, seen.traction_unit)
     return ax
 
 
@@ -228,11 +235,7 @@ def draw_slip(
             mark = {"marker": "o", "ms": 2} | mark
         mark |= {"clip_on": limits is not None}
         ax.plot(line.s, v, color=colour, lw=style.width(k, len(lines)), **mark)
-    ax.axhline(0, color="black", lw=0.6)
-    if limits is not None:
-        ax.set_ylim(*limits)
-    strips(ax, lines, seen.status)
-    style.bare(ax)
+    finish_lines(ax, lines, seen.status, limits)
     if len(lines) == 1:
         zones = style.status_handles(seen.status)
         style.legend_above(ax, handles=zones, title=seen.said)
@@ -299,8 +302,17 @@ def _edges(s: Floats) -> Floats:
     return np.concatenate([s[:1], (s[1:] + s[:-1]) / 2, s[-1:]])
 
 
-def strips(ax: mpl.Axes, lines: list[tuple[str, Places]], status: Integers) -> None:
-    """Draw strips of statuses at the bottom of the axes, one for each surface."""
+def finish_lines(
+    ax: mpl.Axes,
+    lines: list[tuple[str, Places]],
+    status: Integers,
+    limits: tuple[float, float] | None = None,
+) -> None:
+    """Draw the zero line, and a strip of statuses for each surface at the bottom."""
+    ax.axhline(0, color="black", lw=0.6)
+    style.bare(ax)
+    if limits is not None:
+        ax.set_ylim(*limits)
     lines = [(name, line) for name, line in lines if line.once]
     if not lines:
         return
@@ -328,3 +340,200 @@ def strips(ax: mpl.Axes, lines: list[tuple[str, Places]], status: Integers) -> N
     last = max(line.s[-1] for _, line in lines)
     if last > first:
         ax.set_xlim(first, last)
+
+
+_OF_WEAR = ("depth", "pressure")
+# Cycles that are drawn if none are chosen.
+_CYCLES = 5
+
+
+def wear(
+    result: object,
+    quantity: str = "depth",
+    *,
+    cycles: ArrayLike | None = None,
+    along: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
+    contacts: ContactsArgument | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
+    """Depth of wear or pressure along a line, at the end of some cycles.
+
+    Parameters
+    ----------
+    result
+        A `Wear`, its ``ends``, or the result of `bipot run` for a scene with ``[wear]``.
+    quantity
+        ``"depth"``, drawn downwards, or ``"pressure"``.
+    cycles
+        Numbers of cycles that were solved. Default: the first, the last, and those between
+        at which about 1/4, 1/2 and 3/4 of the largest depth were worn off.
+    along, on, contacts, units, ax
+        As in `tractions`. Without areas, ``"pressure"`` is the normal force.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, a result without wear, or missing data of the contacts.
+    """
+    one_of("quantity", quantity, _OF_WEAR)
+    path = _find_ends(result)
+    chosen = _choose_cycles(path, cycles)
+    ax = style.axes_of(ax)
+    largest = 0.0
+    for number, k in enumerate(chosen):
+        seen = look(path, k, contacts=contacts, on=on, units=units)
+        values = seen.traction[:, 0] if quantity == "pressure" else seen.wear
+        values = np.asarray(values, np.float64)
+        largest = max(largest, float(values.max(initial=0.0)))
+        lines, axis = lines_of(seen, along)
+        for name, line in lines:
+            label = f"cycle {path[k].cycle}" + (f", {name}" if len(lines) > 1 else "")
+            joined: style.LineStyle = {"lw": 1.6}
+            if not line.once or len(line.s) == 1:
+                joined = {"ls": "none", "marker": "o", "ms": 2}
+            colour = _colour_of_cycle(number, len(chosen))
+            ax.plot(line.s, values[line.order], color=colour, label=label, **joined)
+    style.name_axis(ax.xaxis, axis, seen.units.get("length"))
+    if quantity == "depth":
+        ax.set_ylim(1.05 * largest or 1.0, 0.0)
+        style.name_axis(ax.yaxis, "wear depth", seen.units.get("length"))
+    else:
+        label = "normal force" if seen.area is None else "pressure"
+        style.name_axis(ax.yaxis, label, seen.traction_unit)
+    style.bare(ax)
+    style.legend_above(ax)
+    return ax
+
+
+def pressure_and_wear(
+    result: object,
+    *,
+    along: ArrayLike | str | None = None,
+    on: ArrayLike | str | None = None,
+) -> mpl.Axes:
+    """Draw pressure above depth in a new figure; arguments as of `wear`."""
+    width, height = style.SIZE
+    figure = mpl.Figure(figsize=(width, 1.7 * height), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    wear(result, "pressure", along=along, on=on, ax=above)
+    wear(result, "depth", along=along, on=on, ax=below)
+    legend = below.get_legend()
+    if legend is not None:
+        legend.remove()
+    above.set_xlabel("")
+    axes: mpl.Axes = below
+    return style.show_in_notebooks(axes)
+
+
+def _find_ends(result: object) -> Result:
+    """The ends of cycles; an error if there are none."""
+    source = result.ends if isinstance(result, Wear) else result
+    path = steps_of(source)
+    if any(step.wear is None for step in path):
+        raise ValueError("result has no wear: it is not from ContactProblem.wear")
+    return path
+
+
+def _choose_cycles(path: Result, cycles: ArrayLike | None) -> list[int]:
+    """Indices of the steps to draw."""
+    cycles_recorded = [step.cycle for step in path]
+    if cycles is None:
+        deepest = np.array([step.wear.max(initial=0.0) for step in path])  # type: ignore[union-attr]
+        parts = np.linspace(0.0, 1.0, _CYCLES) * deepest[-1]
+        indices = {0, len(path) - 1, *np.searchsorted(deepest, parts[1:-1]).tolist()}
+        return sorted(indices)
+    wanted = np.atleast_1d(integers("cycles", cycles))
+    for cycle in wanted.tolist():
+        if cycle not in cycles_recorded:
+            near = min(
+                cycles_recorded, key=lambda recorded: abs((recorded or 0) - cycle)
+            )
+            raise ValueError(
+                f"cycles has {cycle}, which was jumped over or not reached; the next that "
+                f"was solved is {near}"
+            )
+    return [cycles_recorded.index(cycle) for cycle in wanted.tolist()]
+
+
+def _colour_of_cycle(number: int, count: int) -> tuple[float, float, float, float]:
+    """Colours from light to dark, for the order of cycles."""
+    return mpl.colormaps["viridis_r"](0.15 + 0.85 * number / max(count - 1, 1))
+
+
+# A bound that is infinite is drawn this much beyond the largest finite number.
+_BEYOND = 0.25
+_COMPONENTS = ("normal force", "tangential force", "second tangential force")
+
+
+def reaction_band(
+    ranges: Sequence[ReactionRange],
+    *,
+    contacts: ContactsArgument,
+    along: ArrayLike | str | None = None,
+    on: ArrayLike | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: mpl.Axes | None = None,
+) -> mpl.Axes:
+    """Least, found and largest reactions along a line.
+
+    Each contact attains every value of the band, not all of them at once. Triangles mark
+    bounds that are infinite; the band ends there beyond the largest finite number.
+
+    Parameters
+    ----------
+    ranges
+        What `ReducedProblem.reaction_ranges` returns.
+    contacts
+        A mapping with ``x (n_c, d)``, or the model.
+    along, on, units, ax
+        As in `tractions`; ``on`` is a mask or numbers of contacts.
+    """
+    every = list(ranges)
+    for interval in every:
+        if not isinstance(interval, ReactionRange):
+            raise make_type_error("ranges", interval, "a list of ReactionRange")
+    if not every or any(interval.component != every[0].component for interval in every):
+        raise ValueError("ranges are empty, or of several components")
+    arrays = contacts_of(None, contacts)
+    x = floats("x of contacts", arrays.get("x"), ndim=2)
+    if max(interval.contact for interval in every) >= len(x):
+        raise ValueError(
+            f"x of contacts has {len(x)} rows, expected one for each contact"
+        )
+    chosen = np.arange(len(x))[selection(on, len(x), arrays)]
+    every = [interval for interval in every if interval.contact in chosen]
+    line = places(x[[interval.contact for interval in every]], along)
+    least, answers, largest = (
+        np.array([getattr(interval, name) for interval in every])[line.order]
+        for name in ("least", "found", "largest")
+    )
+    ax = style.axes_of(ax)
+    _draw_band(ax, line.s, least, answers, largest)
+    ax.axhline(0, color="black", lw=0.6)
+    style.bare(ax)
+    style.legend_above(ax)
+    named = units_of(None, units)
+    style.name_axis(ax.xaxis, line.name, named.get("length"))
+    style.name_axis(ax.yaxis, _COMPONENTS[every[0].component], named.get("force"))
+    return ax
+
+
+def _draw_band(
+    ax: mpl.Axes, s: Floats, least: Floats, solved: Floats, largest: Floats
+) -> None:
+    values = np.concatenate([least, solved, largest])
+    values = np.append(values[np.isfinite(values)], 0.0)
+    beyond = _BEYOND * (float(np.ptp(values)) or 1.0)
+    low = np.where(np.isfinite(least), least, values.min() - beyond)
+    high = np.where(np.isfinite(largest), largest, values.max() + beyond)
+    ax.fill_between(s, low, high, color=style.LIMIT, alpha=0.25, lw=0)
+    line: style.LineStyle = {"marker": "o", "ms": 3}
+    ax.plot(s, high, color=style.LIMIT, lw=1, label="largest", **line)
+    ax.plot(s, solved, color=style.PRESSURE, lw=1.6, label="found", **line)
+    ax.plot(s, low, color=style.LIMIT, lw=1, ls="--", label="least", **line)
+    for bound, drawn, mark in ((largest, high, "^"), (least, low, "v")):
+        ends = np.isinf(bound)
+        if ends.any():
+            ax.plot(s[ends], drawn[ends], mark, color=style.LIMIT, ms=7, clip_on=False)

@@ -247,7 +247,7 @@ def force_displacement(
     chosen, frame, mu = _choose(path, on, arrays)
     names = names_of(arrays) if on is None else []
     said = f"sum of {len(names)} surfaces, 'on' chooses one" if len(names) > 1 else ""
-    _, drag, limit, main = sums(path.reaction[:, chosen], frame, mu)
+    drag, limit, main = _sum_tangential(path.reaction[:, chosen], frame, mu)
     drive = -(drag @ main)
     if displacement is None:
         v = path.relative_displacement[:, chosen, 1:]
@@ -365,10 +365,10 @@ def _of_steps(frame: Floats, reaction: Floats) -> Floats:
     return np.broadcast_to(frame, (*reaction.shape[:-1], d, d))
 
 
-def sums(
+def _sum_tangential(
     reaction: Floats, frame: Floats | None, mu: Floats | None
-) -> tuple[Floats, Floats, Floats | None, Floats]:
-    """Normal and tangential force, the friction limit ``(steps,)``, and the direction.
+) -> tuple[Floats, Floats | None, Floats]:
+    """Tangential force, the friction limit ``(steps,)``, and the direction.
 
     From reactions ``(steps, n_c, d)``; no limit if normals differ. Tangential forces are
     vectors ``(steps, k)`` and their direction is a unit vector, in global components if
@@ -376,7 +376,7 @@ def sums(
     """
     parallel = True
     if frame is None:
-        press, drag = reaction[..., 0].sum(axis=1), reaction[..., 1:].sum(axis=1)
+        drag = reaction[..., 1:].sum(axis=1)
     else:
         force = np.einsum("sck,sckd->sd", reaction, _of_steps(frame, reaction))
         normals = _normals(frame)
@@ -387,8 +387,7 @@ def sums(
         length = np.linalg.norm(normal)
         # Around a hole the normals cancel: the whole force is then tangential.
         normal = normal / length if length > _AROUND else np.zeros_like(normal)
-        press = force @ normal
-        drag = force - press[:, None] * normal
+        drag = force - (force @ normal)[:, None] * normal
     main = np.linalg.svd(drag, full_matrices=False)[2][0]
     # Of the two opposite directions, take the one along the ascending axis.
     main = main * np.sign(main[np.argmax(np.abs(main))])
@@ -402,4 +401,4 @@ def sums(
                 tangents = _of_steps(frame, reaction)[-1, :, 1:]
             mu = by_pressure(mu, np.broadcast_to(tangents @ main, mu.shape))
         limit = reaction[..., 0] @ mu
-    return press, drag, limit, main
+    return drag, limit, main

@@ -19,7 +19,7 @@ from bipot_rs.plots.data import (
     look,
     selection,
 )
-from bipot_rs.plots.line import lines_of, mark_of, strips
+from bipot_rs.plots.line import finish_lines, lines_of, mark_of
 from bipot_rs.plots.surface import (
     finish,
     is_line,
@@ -150,9 +150,7 @@ def _draw_line(
                     interpolate=True,
                 )
         _rings(ax, line.s, y, marked[line.order])
-    ax.axhline(0, color="black", lw=0.6)
-    strips(ax, lines, seen.status)
-    style.bare(ax)
+    finish_lines(ax, lines, seen.status)
     named = style.surface_handles(name for name, _ in lines) if len(lines) > 1 else []
     handles = [*named, *style.status_handles(seen.status), *_legend(marked)]
     style.legend_above(ax, handles=handles, title=seen.said)

@@ -178,10 +178,9 @@ def values_of(seen: DrawnContacts, quantity: str) -> tuple[Floats, str, str | No
     name, kind = QUANTITIES[quantity]
     unit = seen.units.get("length")
     if kind == "stress":
-        unit = style.stress_unit(seen.units)
+        unit = seen.traction_unit
         if seen.area is None:
             name = {"pressure": "normal force", "shear": "friction force"}[quantity]
-            unit = seen.units.get("force")
     # At closed contacts the gap is rounding.
     width = float(np.ptp(seen.x, axis=0).max())
     apart = (seen.status == Status.OPEN) & (np.abs(seen.gap) > _TOUCHES * width)

@@ -11,7 +11,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs.cli.entry import call
-from bipot_rs.plots.wear import both
+from bipot_rs.plots.line import pressure_and_wear
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import assemble
 from bipot_rs.scene.reading import read
@@ -154,7 +154,7 @@ def test_pictures_of_wear() -> None:
     pressure = bp.plots.wear(wear.ends, "pressure", cycles=60)
     (line,) = pressure.get_lines()
     np.testing.assert_array_equal(line.get_ydata(), wear.pressure[-1][order])
-    above, below = both(wear).figure.axes
+    above, below = pressure_and_wear(wear).figure.axes
     assert len(above.get_lines()) == len(below.get_lines()) >= 3
     with refused(r"cycles has 70, which was jumped over or not"):
         bp.plots.wear(wear, cycles=70)
