@@ -76,23 +76,22 @@ def examine_arrays(
     another order than ``places`` or the contacts.
     """
     texts: list[str] = []
-    outward, strength = None, None
+    outward, strength, d = None, None, gap.shape[1]
+    order = None if places is None else dof_order.told_by(places, d)
     if isinstance(stiffness, InspectedBodies):
         outward, strength = stiffness.measure()
     elif stiffness is not None:
-        misplaced = dof_order.unlike(
-            stiffness.parts, contact.parts, places, gap.shape[1]
-        )
+        misplaced = dof_order.unlike(stiffness.parts, contact.parts, places, order, d)
         if misplaced is not None:
             warnings.warn(misplaced, stacklevel=stacklevel + 1)
             texts.append(misplaced)
-        elif places is not None:
+        elif places is not None and order is not None:
             with np.errstate(over="ignore", invalid="ignore"):
-                outward, strength = measure_bodies(stiffness, places, gap.shape[1])
+                outward, strength = measure_bodies(stiffness, places, order)
     depth = gap[:, 0] if interference is None else np.where(interference, 0, gap[:, 0])
     texts += _find_penetration(depth, points, places)
-    if outward is not None and len(gap):
-        texts += _find_wrong_normals(contact, gap, outward, places)
+    if outward is not None and places is not None and order is not None and len(gap):
+        texts += _find_wrong_normals(contact, gap, outward, places, order)
     return ProblemRemarks(tuple(texts), strength)
 
 
@@ -128,18 +127,14 @@ def _find_penetration(
 
 
 def measure_bodies(
-    stiffness: Csr, places: Floats, d: int
-) -> tuple[Floats, Strength] | tuple[None, None]:
-    """Surfaces and stiffness of the bodies, from the coordinates and K.
+    stiffness: Csr, places: Floats, order: str
+) -> tuple[Floats, Strength]:
+    """Surfaces and stiffness of the bodies, from the coordinates, their order and K.
 
     Returns ``outward (n,)``: forces that point outwards at the surface of the bodies, and are
     zero inside and in rows of supports within K.
     Returns ``strength``: stiffness of each body.
-    Returns None for both if the coordinates do not show the order of the degrees of freedom.
     """
-    order = dof_order.told_by(places, d)
-    if order is None or not len(places):
-        return None, None
     x, side = scale_places(places)
     return InspectedBodies(
         _core.bodies(stiffness.parts, x, order == "node"), side
@@ -174,15 +169,12 @@ class InspectedBodies:
 
 
 def _find_wrong_normals(
-    contact: Csr, gap: Floats, outward: Floats, places: Floats | None
+    contact: Csr, gap: Floats, outward: Floats, places: Floats, order: str
 ) -> Iterator[str]:
     """Warn of normals that point out of the body with the contact."""
-    d = gap.shape[1]
-    if places is None or (order := dof_order.told_by(places, d)) is None:
-        return
     from scipy.sparse import csr_array
 
-    n = len(outward)
+    n, d = len(outward), gap.shape[1]
     node = dof_order.node_of(order, n, d)
     of_node = csr_array((np.ones(n), (np.arange(n), node)), shape=(n, n // d))
     normal = contact.matrix[::d]

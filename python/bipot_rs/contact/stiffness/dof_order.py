@@ -219,17 +219,21 @@ def told_by(coordinates: Floats, d: int) -> str | None:
 
 
 def unlike(
-    stiffness: Parts, contact: Parts, coordinates: Floats | None, d: int
+    stiffness: Parts,
+    contact: Parts,
+    coordinates: Floats | None,
+    order: str | None,
+    d: int,
 ) -> str | None:
     """Describe how the orders of K, B and the coordinates differ, or return None.
 
     ``stiffness, contact``: K and B by rows.
     ``coordinates (n, d) or None``: coordinates of the degrees of freedom.
+    ``order``: the one that they show; None if they show none.
     """
     n = len(stiffness[0]) - 1
     if n % d or not n:
         return None
-    order = None if coordinates is None else told_by(coordinates, d)
     if coordinates is not None and order is not None:
         mismatch = _unlike_places(stiffness, order, coordinates, d)
         return mismatch or _unlike_contacts(contact, order, n, d, "coordinates")

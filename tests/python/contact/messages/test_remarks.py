@@ -269,9 +269,9 @@ def test_rows_of_supports_within_the_stiffness_say_nothing() -> None:
     whole = sparse.csr_array(fem.assemble([meshed], []).K)
     places = np.repeat(meshed.points, 3, axis=0)
     top = places[:, 2] == 1.0
-    bare = measure_bodies(csr("K", whole), places, 3)
+    bare = measure_bodies(csr("K", whole), places, "node")
     held = measure_bodies(
-        csr("K", whole + sparse.diags_array(whole.diagonal() * top)), places, 3
+        csr("K", whole + sparse.diags_array(whole.diagonal() * top)), places, "node"
     )
     assert bare[0][top].any()
     assert not held[0][top].any()
@@ -279,7 +279,7 @@ def test_rows_of_supports_within_the_stiffness_say_nothing() -> None:
     # Shears of the rows that are left: less than those of all.
     assert 0 < held[1].force[0] < bare[1].force[0]
     springs = whole + sparse.diags_array(whole.diagonal())
-    nothing = measure_bodies(csr("K", springs), places, 3)
+    nothing = measure_bodies(csr("K", springs), places, "node")
     assert np.isnan(nothing[1].force).all()
 
 
