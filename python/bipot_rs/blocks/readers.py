@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Ints, Record
 from bipot_rs.blocks.block import Block
 from bipot_rs.blocks.interfaces import Interface, make_interface
@@ -147,9 +148,6 @@ def _read_obj(file: Path, lines: Sequence[str], density: float) -> list[Block]:
 
 
 def _read_surfaces(file: Path, density: float) -> list[Block]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     from bipot_rs.mesh.readers import read_cells
 
     points, cells = read_cells(file)
@@ -164,8 +162,7 @@ def _read_surfaces(file: Path, density: float) -> list[Block]:
         return []
     start = np.concatenate(faces)
     end = np.concatenate([np.roll(face, -1) for face in faces])
-    graph = coo_array((np.ones(len(start)), (start, end)), (len(corners),) * 2)
-    label = connected_components(graph, directed=False)[1]
+    label = _core.connected(len(corners), start, end)
     parts: dict[int, list[Ints]] = {}
     for face in faces:
         parts.setdefault(int(label[face[0]]), []).append(face)

@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh.elements import (
@@ -143,17 +144,11 @@ def _neighbours(mesh: ElementMesh, what: str) -> None:
 
 
 def _pieces(mesh: ElementMesh, what: str) -> None:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    t = np.asarray(mesh.t)
-    count = mesh.p.shape[1]
+    t = np.asarray(mesh.t, np.int64)
     first = np.broadcast_to(t[0], t.shape)
-    graph = coo_array(
-        (np.ones(t.size), (first.ravel(), t.ravel())), shape=(count, count)
-    )
-    _, label = connected_components(graph, directed=False)
+    label = _core.connected(mesh.p.shape[1], first.ravel(), t.ravel())
     of_cells = label[t[0]]
     names, sizes = np.unique(of_cells, return_counts=True)
     if len(names) < 2:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+import bipot_rs._core as _core
 from bipot_rs._lib.matrices import direction, length
 from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Bools, Floats, Integers, Ints
@@ -424,14 +425,11 @@ def _nearest_in_cone(normals: Floats, direction: Floats, otherwise: Floats) -> F
 
 def _join_points(x: Floats) -> Ints:
     """For each point, the first point equal to it in 32-bit precision."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     near = 4 * float(np.spacing(np.float32(np.abs(x).max())))
     pairs = cKDTree(x).query_pairs(near, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(x), len(x)))
-    _, label = connected_components(graph, directed=False)
+    label = _core.connected(len(x), *pairs.T.astype(np.int64, order="C"))
     _, first = np.unique(label, return_index=True)
     return np.asarray(first[label], np.int64)
 

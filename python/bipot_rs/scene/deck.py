@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, OpenRecord
 from bipot_rs.mesh.abaqus import Reader, Section
 from bipot_rs.mesh.elements import facet_nodes
@@ -180,15 +181,10 @@ class Deck:
 
     def _split(self, sectioned: Sequence[Section]) -> None:
         """Bodies: parts of the mesh that share no node, with their materials."""
-        from scipy import sparse
-        from scipy.sparse.csgraph import connected_components
-
         mesh = self._mesh
         pairs = [(np.repeat(n[:, 0], n.shape[1]), n.ravel()) for _, n in mesh.blocks]
         ends = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), np.int64)
-        shape = (len(mesh.places), len(mesh.places))
-        graph = sparse.coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=shape)
-        part = connected_components(graph, directed=False)[1]
+        part = _core.connected(len(mesh.places), *ends)
         pieces: dict[int, _Piece] = {}
         for section in sectioned:
             name = section.parameters.get("ELSET", "")

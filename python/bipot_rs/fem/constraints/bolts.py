@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.fem.bodies.body import Body
@@ -155,8 +155,7 @@ def _find_upper_part(mesh: ElementMesh, facets: Ints, upper: Ints, bolt: Bolt) -
     """The cells above a section, ``(cells,)``."""
     corners = np.asarray(mesh.facets, np.int64)[:, facets]
     pairs = np.tile(corners[0], len(corners) - 1), corners[1:].ravel()
-    links = sparse.coo_array((np.ones(len(pairs[0])), pairs), [mesh.p.shape[1]] * 2)
-    patches = sparse.csgraph.connected_components(links, directed=False)[1]
+    patches = _core.connected(mesh.p.shape[1], *pairs)
     apart = np.flatnonzero(patches[corners[0]] != patches[corners[0, 0]])
     if apart.size:
         ends = (place(mesh.p[:, corners[:, k]].mean(axis=1)) for k in (0, apart[0]))
@@ -168,9 +167,7 @@ def _find_upper_part(mesh: ElementMesh, facets: Ints, upper: Ints, bolt: Bolt) -
     sides = np.asarray(mesh.f2t, np.int64)
     inner = sides[1] >= 0
     inner[facets] = False
-    shape = mesh.nelements, mesh.nelements
-    joined = sparse.coo_array((np.ones(inner.sum()), sides[:, inner]), shape=shape)
-    parts = sparse.csgraph.connected_components(joined, directed=False)[1]
+    parts = _core.connected(mesh.nelements, *np.ascontiguousarray(sides[:, inner]))
     lower = sides[:, facets].sum(axis=0) - upper
     if np.intersect1d(parts[upper], parts[lower]).size:
         at = place(mesh.p[:, corners].mean(axis=(1, 2)))
