@@ -331,7 +331,7 @@ def _in_order(
     places, n = places[:, :dim], K.shape[0]
     taken = order or "node"
 
-    how = dof_order.of_order(parts, taken, dim, places)
+    how = dof_order.fit_order(parts, taken, dim, places)
     if how is None or how.fits:
         return
     if order is not None and how.translates and 2 * len(how.turned) < how.turnable:
@@ -341,9 +341,9 @@ def _in_order(
         f"no order of components fits, nor do the nodes sorted by label: the rows of {nodes} "
         "must be in the order of the stiffness"
     )
-    if others := dof_order.fitting(parts, dim, places):
+    if others := dof_order.list_fitting(parts, dim, places):
         advice = f"--order {others[0]} would fit, {dof_order.ORDERS[others[0]]}"
-    elif others := dof_order.fitting(parts, dim, sorted_):
+    elif others := dof_order.list_fitting(parts, dim, sorted_):
         advice = f"the rows of {nodes} sorted by label would fit"
         advice += f", with --order {others[0]}" if taken not in others else ""
     where = ""
@@ -355,7 +355,7 @@ def _in_order(
         )
     raise ValueError(
         f"{path} does not fit the rows of {nodes} as {dof_order.ORDERS[taken]}: "
-        f"{how.said()}{where}; {advice}"
+        f"{how.describe_misfit()}{where}; {advice}"
     )
 
 
@@ -375,7 +375,7 @@ def _same_nodes(
     if how is not None and not how.fits:
         raise ValueError(
             f"{path} does not fit the coordinates of its nodes in {listed.path}: "
-            f"{how.said()}; are both of the same undeformed mesh, in the same axes?"
+            f"{how.describe_misfit()}; are both of the same undeformed mesh, in the same axes?"
         )
 
 

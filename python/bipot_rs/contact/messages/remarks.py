@@ -77,11 +77,13 @@ def examine_arrays(
     """
     texts: list[str] = []
     outward, strength, d = None, None, gap.shape[1]
-    order = None if places is None else dof_order.told_by(places, d)
+    order = None if places is None else dof_order.find_order(places, d)
     if isinstance(stiffness, InspectedBodies):
         outward, strength = stiffness.measure()
     elif stiffness is not None:
-        misplaced = dof_order.unlike(stiffness.parts, contact.parts, places, order, d)
+        misplaced = dof_order.describe_disorder(
+            stiffness.parts, contact.parts, places, order, d
+        )
         if misplaced is not None:
             warnings.warn(misplaced, stacklevel=stacklevel + 1)
             texts.append(misplaced)

@@ -71,7 +71,7 @@ class Fit:
         """Whether translations and rotations of this order fit."""
         return self.translates and not len(self.turned)
 
-    def said(self) -> str:
+    def describe_misfit(self) -> str:
         """Describe the misfit for a message."""
         kind, rows, of, left = (
             ("rotation", len(self.turned), self.turnable, self.rotation)
@@ -121,9 +121,9 @@ def fit(
     located = (component >= 0) & (node >= 0)
     if places is not None:
         located &= np.isfinite(places).all(axis=1)
-        places = _of_unit_size(places, located)
+        places = _scale_to_one(places, located)
     n = len(pointers) - 1
-    blocks = _blocks(pointers)
+    blocks = _split_rows(pointers)
     if sample:
         # Ranges of rows that are spread over the matrix.
         starts = np.linspace(0, n - _SAMPLE, _SAMPLES).astype(np.int64).tolist()
@@ -131,7 +131,7 @@ def fit(
     left, alone, looked = np.full(n, np.inf), np.zeros(n, bool), np.zeros(n, bool)
     with np.errstate(over="ignore", invalid="ignore"):
         for first, last in blocks:
-            sums = _sums(parts, pointers, first, last)
+            sums = _sum_rows(parts, pointers, first, last)
             left[first:last], alone[first:last] = sums
             looked[first:last] = True
     coupled = looked & ~alone
@@ -143,7 +143,8 @@ def fit(
     # A stiffness whose sums overflow passes.
     with np.errstate(over="ignore", invalid="ignore"):
         arrays = [
-            _rows(parts, pointers, *block, d, of, places, free) for block in blocks
+            _check_rows(parts, pointers, *block, d, of, places, free)
+            for block in blocks
         ]
     row, moved, whole, turned = (
         np.concatenate(parts_of_array) for parts_of_array in zip(*arrays, strict=True)
@@ -157,14 +158,14 @@ def fit(
         rows=len(row),
         moved=int(moves.sum()),
         still=int((whole & ~moves).sum()),
-        translation=_typical(moved, moves),
+        translation=_find_typical(moved, moves),
         turned=row[judged][turns],
         turnable=int(judged.sum()),
-        rotation=_typical(turned[judged], turns),
+        rotation=_find_typical(turned[judged], turns),
     )
 
 
-def of_order(
+def fit_order(
     parts: Parts,
     order: str,
     d: int,
@@ -179,7 +180,7 @@ def of_order(
     return fit(parts, components(order, n, d), node, places, sample=sample)
 
 
-def _of_unit_size(places: Floats, given: Bools) -> Floats:
+def _scale_to_one(places: Floats, given: Bools) -> Floats:
     """Coordinates shifted to their centre and scaled to an extent of 1."""
     if not given.any():
         return places
@@ -189,23 +190,23 @@ def _of_unit_size(places: Floats, given: Bools) -> Floats:
     return np.asarray((places - (low + high) / 2) / (side or 1.0), np.float64)
 
 
-def _typical(left: Floats, wrong: Bools) -> float:
+def _find_typical(left: Floats, wrong: Bools) -> float:
     """Median of the wrong values, or the largest value if none is wrong."""
     if wrong.any():
         return float(np.median(left[wrong]))
     return float(left.max(initial=0.0))
 
 
-def fitting(parts: Parts, d: int, nodes: Floats | None = None) -> list[str]:
+def list_fitting(parts: Parts, d: int, nodes: Floats | None = None) -> list[str]:
     """The orders of `ORDERS` that fit K."""
     n = len(parts[0]) - 1
     if n % d or not n:
         return []
-    candidates = [(order, of_order(parts, order, d, nodes)) for order in ORDERS]
+    candidates = [(order, fit_order(parts, order, d, nodes)) for order in ORDERS]
     return [order for order, how in candidates if how is not None and how.fits]
 
 
-def told_by(coordinates: Floats, d: int) -> str | None:
+def find_order(coordinates: Floats, d: int) -> str | None:
     """The order of `ORDERS` of coordinates ``(n, d)``, in which equal rows form nodes."""
     n = len(coordinates)
     if n % d or not n:
@@ -218,7 +219,7 @@ def told_by(coordinates: Floats, d: int) -> str | None:
     return None
 
 
-def unlike(
+def describe_disorder(
     stiffness: Parts,
     contact: Parts,
     coordinates: Floats | None,
@@ -235,29 +236,29 @@ def unlike(
     if n % d or not n:
         return None
     if coordinates is not None and order is not None:
-        mismatch = _unlike_places(stiffness, order, coordinates, d)
-        return mismatch or _unlike_contacts(contact, order, n, d, "coordinates")
-    fits = fitting(stiffness, d)
+        mismatch = _compare_places(stiffness, order, coordinates, d)
+        return mismatch or _compare_contacts(contact, order, n, d, "coordinates")
+    fits = list_fitting(stiffness, d)
     if len(fits) != 1:
         return None
-    return _unlike_contacts(contact, fits[0], n, d, "K")
+    return _compare_contacts(contact, fits[0], n, d, "K")
 
 
-def _unlike_places(
+def _compare_places(
     stiffness: Parts, order: str, coordinates: Floats, d: int
 ) -> str | None:
     n = len(coordinates)
     nodes = coordinates[::d] if order == "node" else coordinates[: n // d]
     if n > 2 * _SAMPLES * _SAMPLE:
-        how = of_order(stiffness, order, d, nodes, sample=True)
+        how = fit_order(stiffness, order, d, nodes, sample=True)
         if how is not None and how.fits:
             return None
-    how = of_order(stiffness, order, d, nodes)
+    how = fit_order(stiffness, order, d, nodes)
     if how is None or how.fits:
         return None
     others = [
         order_of_points
-        for order_of_points in fitting(stiffness, d, nodes)
+        for order_of_points in list_fitting(stiffness, d, nodes)
         if order_of_points != order
     ]
     advice = "give the coordinates in the order of the rows of K"
@@ -270,10 +271,10 @@ def _unlike_places(
             f"K is {ORDERS[others[0]]}: coordinates = {arrays[others[0]]} would fit, and B "
             "and loads must have this order too"
         )
-    return f"coordinates do not fit K: they are {ORDERS[order]}; {how.said()}; {advice}"
+    return f"coordinates do not fit K: they are {ORDERS[order]}; {how.describe_misfit()}; {advice}"
 
 
-def _unlike_contacts(
+def _compare_contacts(
     contact: Parts, order: str, n: int, d: int, base: str
 ) -> str | None:
     """Describe contacts of one node whose columns of B are in the other order."""
@@ -303,7 +304,7 @@ def _unlike_contacts(
     )
 
 
-def _blocks(pointers: Ints) -> list[tuple[int, int]]:
+def _split_rows(pointers: Ints) -> list[tuple[int, int]]:
     """Ranges of rows of about `_BLOCK` entries."""
     n = len(pointers) - 1
     ends = np.searchsorted(pointers, np.arange(_BLOCK, pointers[-1] + _BLOCK, _BLOCK))
@@ -336,7 +337,9 @@ def _slice(
     )
 
 
-def _sums(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Floats, Bools]:
+def _sum_rows(
+    parts: Parts, pointers: Ints, first: int, last: int
+) -> tuple[Floats, Bools]:
     """Relative sum of each row, and whether it has only a diagonal entry."""
     K, columns = _slice(parts, pointers, first, last)
     ones = np.ones(K.shape[1])
@@ -346,7 +349,7 @@ def _sums(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Floats, 
     return left, size <= diagonal
 
 
-def _rows(
+def _check_rows(
     parts: Parts,
     pointers: Ints,
     first: int,

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def fit(K: Any, order: str, nodes: Floats) -> dof_order.Fit:
-    dof_pattern = dof_order.of_order(csr("K", K).parts, order, nodes.shape[1], nodes)
+    dof_pattern = dof_order.fit_order(csr("K", K).parts, order, nodes.shape[1], nodes)
     assert dof_pattern is not None
     return dof_pattern
 
@@ -66,14 +66,14 @@ def test_supports_and_few_digits_are_not_a_wrong_order(
 
 def test_springs_without_rigid_motions_pass() -> None:
     parts = csr("K", np.eye(12)).parts
-    assert dof_order.of_order(parts, "node", 2, np.zeros((6, 2))) is None
+    assert dof_order.fit_order(parts, "node", 2, np.zeros((6, 2))) is None
     # A point between inclined springs, and a chain that cannot rotate.
     slope = csr("K", [[1.0, -1.0], [-1.0, 1.0]]).parts
-    assert dof_order.of_order(slope, "node", 2, np.zeros((1, 2))) is None
+    assert dof_order.fit_order(slope, "node", 2, np.zeros((1, 2))) is None
     chain = np.diag([1.0] + 6 * [2.0] + [1.0]) - np.eye(8, k=1) - np.eye(8, k=-1)
     both = sparse.csr_array(np.kron(chain, np.eye(2)))
     assert fit(both, "node", np.random.default_rng(0).random((8, 2))).fits
-    assert dof_order.fitting(csr("K", both).parts, 2) == ["node"]
+    assert dof_order.list_fitting(csr("K", both).parts, 2) == ["node"]
 
 
 def test_warnings_of_contact_problem() -> None:
