@@ -25,7 +25,12 @@ from bipot_rs.contact.errors import NoEquilibriumError
 from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
 from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import Engine
-from bipot_rs.contact.path.load_path import PathProblem, PathSolver, show_progress
+from bipot_rs.contact.path.load_path import (
+    PathProblem,
+    PathSolver,
+    reduce_step,
+    show_progress,
+)
 from bipot_rs.contact.path.load_steps import Held, Loading, last_step
 from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
 from bipot_rs.contact.path.moving_gaps import MovingGaps
@@ -384,23 +389,15 @@ class ContactProblem:
         MemoryError
             ``W`` of all contacts does not fit into memory.
         """
-        from bipot_rs.contact.path.one_step import reduce_step
-
         if self.loading.latches is not None:
             raise ValueError(
                 "the model has bolts: W and the free part of a step depend on which of them "
                 "it tightens; solve the path"
             )
         loads = self.loading.read_step(load, prescribed)
-        reduced = reduce_step(self.stiffness.core, self.loading, loads, start, gap)
-        law = reduced.law
-        return ReducedProblem(
-            reduced.W,
-            reduced.q,
-            law.mu,
-            rigid=reduced.rigid,
-            **law.without_mu(),
-        )
+        core = self.stiffness.core
+        W, q, rigid, law = reduce_step(core, self.loading, loads, start, gap)
+        return ReducedProblem(W, q, law.mu, rigid=rigid, **law.without_mu())
 
     def existence(
         self,

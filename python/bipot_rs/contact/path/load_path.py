@@ -1,4 +1,4 @@
-"""A load path on a condensed problem: solves its steps one by one."""
+"""A load path: solves its steps one by one, or reduces one of them to its reactions."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, count_noun
 from bipot_rs._lib.optional import load_library
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs._lib.validation import Settings, logical
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as motion
@@ -35,6 +37,8 @@ from bipot_rs.contact.path.engine import (
 from bipot_rs.contact.path.load_steps import (
     Gap,
     Held,
+    Loading,
+    Loads,
     Totals,
     count_steps,
     last_step,
@@ -561,3 +565,67 @@ def find_start(start: Start | None, shape: tuple[int, int]) -> Step | None:
             "pass a result of a problem with the same contacts"
         )
     return step
+
+
+# ``W``, ``q``, ``rigid`` and the law of a `ReducedProblem`.
+ReducedArguments: TypeAlias = tuple[
+    Floats | CsrMatrix, Floats, tuple[Floats, Floats] | None, ContactLaw
+]
+
+
+def reduce_step(
+    core: _core.Condensed,
+    loading: Loading,
+    loads: Loads,
+    start: Start | None,
+    gap: ArrayLike | MovingGaps | None,
+) -> ReducedArguments:
+    """Reduce one step to its reactions; see `ContactProblem.reduced`."""
+    contacts, d = loading.contacts.shape
+    before = find_start(start, (contacts, d))
+    if gap is not None or (before is not None and before.frame is not None):
+        core, before = _turn_core(core, loading, before, gap)
+    q, modes, force = core.free_part(*loads)
+    if before is not None:
+        q[:, 1:] -= before.relative_displacement[:, 1:]
+    bond = Bond.begin(loading.contacts, before)
+    if bond.dilation is not None:
+        q[:, 0] -= bond.dilation
+    rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
+    blocks = core.sparse_compliance()
+    if blocks is None:
+        return core.compliance(), q, rigid, bond.weakened
+    from scipy.sparse import bsr_array
+
+    first, columns, values = blocks
+    entries = values.reshape(-1, d, d), columns, first
+    W = bsr_array(entries, shape=(d * contacts, d * contacts)).tocsr()
+    return W, q, rigid, bond.weakened
+
+
+def _turn_core(
+    core: _core.Condensed,
+    loading: Loading,
+    before: Step | None,
+    gap: ArrayLike | MovingGaps | None,
+) -> tuple[_core.Condensed, Step | None]:
+    """The condensed bodies and the state before a step, in the frames of the step."""
+    contacts = loading.contacts
+    base = contacts.frame
+    has_frame = before is not None and before.frame is not None
+    placed = None if gap is None else loading.read_gap(gap)
+    if base is None:
+        if has_frame:
+            raise ValueError(NO_FRAME)
+        # `Loading` refuses moving gaps without these frames.
+        return core if placed is None else core.with_gap(
+            list_components(placed)
+        ), before
+    frame = placed.frame if isinstance(placed, MovingGaps) else base
+    if frame is not base:
+        core = core.rotated(find_rotation(frame, base))
+    if before is not None and (has_frame or frame is not base):
+        before = carry_step(before, frame, base, contacts.gap_by_component[:, 0])
+    if placed is not None:
+        core = core.with_gap(list_components(placed))
+    return core, before
