@@ -314,6 +314,20 @@ def test_mistakes_of_repetitions(cut: dict[str, Any], message: str) -> None:
         fem.assemble([pad(2, True)], contacts, repetitions=cuts)
 
 
+def test_cuts_through_the_section_of_a_bolt() -> None:
+    """The section doubles the nodes on it."""
+    body = Body("it", fem.box([np.linspace(0, 1, 3)] * 2, "quadrilateral"), SOFT)
+    with refused(
+        r"several nodes of it.left are at \(0, 0.5\), as where the section of a"
+    ):
+        fem.assemble(
+            [body],
+            [],
+            repetitions=[Periodic(("it", "left"), ("it", "right"))],
+            bolts=[fem.Bolt("M8", "it", ([0.5, 0.5], [0, 1]))],
+        )
+
+
 def test_cuts_of_different_meshes() -> None:
     longer = fem.box([np.linspace(0, 1, 3), np.linspace(0, 1, 4)], "quadrilateral")
     cut = Cyclic(("it", "bottom"), ("it", "left"), 4)

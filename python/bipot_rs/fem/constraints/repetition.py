@@ -124,7 +124,14 @@ def find_images(bodies: NumberedBodies, repetition: Repetition) -> Images:
         off = np.linalg.norm(moved - y[match], axis=1)
         tried.append((float(off.max()), turn, match, int(np.argmax(off))))
     off_by, turn, match, worst = min(tried, key=lambda attempt: attempt[0])
-    if off_by > _SAME * size or len(np.unique(match)) < len(match):
+    if off_by <= _SAME * size and len(np.unique(match)) < len(match):
+        _, first_of, counts = np.unique(match, return_index=True, return_counts=True)
+        raise ValueError(
+            f"surfaces {what} cannot be cuts of one another: several nodes of "
+            f"{on_body}.{here} are at {place(x[first_of[counts > 1][0]])}, as where the "
+            "section of a bolt or a crack meets a cut: choose cuts that meet neither"
+        )
+    if off_by > _SAME * size:
         raise ValueError(
             f"surfaces {what} do not repeat each other: the image of the node at "
             f"{place(x[worst])} is {off_by:g} from the nearest node: check the axis and "
