@@ -522,16 +522,16 @@ def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Floats:
     return gaps_at_start if gaps_at_start.ndim == 2 else by_component(gaps_at_start, d)
 
 
-def gaps(value: ArrayLike, contacts: int, d: int) -> Floats:
+def gaps(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Floats:
     """Gaps ``(steps, n_c, d)``, from the same, ``(steps, n_c)`` or ``(n_c,)``."""
-    by_step = floats("gap", value)
+    by_step = floats(what, value)
     if by_step.ndim == 0:
         by_step = np.full(contacts, float(by_step))
     if by_step.shape == (contacts,):
         by_step = by_step[None]
     if by_step.shape[1:] not in ((contacts,), (contacts, d)):
         raise ValueError(
-            f"gap has shape {by_step.shape}, expected ({contacts},), (steps, {contacts}) "
+            f"{what} has shape {by_step.shape}, expected ({contacts},), (steps, {contacts}) "
             f"or (steps, {contacts}, {d})"
         )
     return by_step if by_step.ndim == 3 else by_component(by_step, d)

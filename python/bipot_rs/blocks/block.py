@@ -72,9 +72,9 @@ class Block:
         corners = vectors(f"points of block {name!r}", points, rows="n")
         self.name = name
         self.density = number(f"density of block {name!r}", density)
-        if self.density < 0:
+        if not 0 <= self.density < np.inf:
             raise ValueError(
-                f"density of block {name!r} is {self.density:g}, expected at least 0"
+                f"density of block {name!r} is {self.density:g}, expected zero or a positive number"
             )
         if not isinstance(support, bool | np.bool_):
             raise TypeError(

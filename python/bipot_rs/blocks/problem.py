@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -370,6 +370,8 @@ def assemble(
     guaranteed
     none
     """
+    if not isinstance(blocks, Iterable):
+        raise TypeError(f"blocks is {show_value(blocks)}, expected Blocks")
     blocks = list(blocks)
     for block in blocks:
         if not isinstance(block, Block):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Integers
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.validation import floats, show_value
 from bipot_rs.mesh.kinds import FIRST, ElementMesh, Kind
 
 # Faces of a box, (axis, end); the last axis points up.
@@ -213,6 +213,12 @@ def box(axes: Sequence[ArrayLike], cell: str) -> ElementMesh:
 
 def box_mesh(axes: Sequence[ArrayLike], cell: str) -> BoxMesh:
     """As `box`, without scikit-fem."""
+    if not isinstance(axes, (Sequence, np.ndarray)) or isinstance(axes, str):
+        raise TypeError(
+            f"axes is {show_value(axes)}, expected grid points of each axis"
+        )
+    if not isinstance(cell, str):
+        raise TypeError(f"cell is {show_value(cell)}, expected a name")
     grids = [
         np.sort(floats(f"axis {k} of axes", axis, ndim=1))
         for k, axis in enumerate(axes)

@@ -492,8 +492,9 @@ def _columns(
         everything = np.arange(d * (count + others)).reshape(-1, d)
         return everything[:count], everything[count:], d * (count + others)
     if not all(are_given) or n is None:
+        names = "dofs" if master is None else "dofs_slave, dofs_master"
         raise ValueError(
-            "degrees of freedom are given in part, expected those of all nodes and their "
+            f"degrees of freedom are given in part, expected {names} of all nodes and their "
             "total number n"
         )
     ours = _dofs("dofs_slave" if master else "dofs", dofs_slave, (count, d), n)

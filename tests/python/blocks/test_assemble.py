@@ -263,6 +263,11 @@ def test_blocks_that_cannot_be_assembled() -> None:
         bp.blocks.assemble([ground, ground], 0.5)
     with pytest.raises(ValueError, match="some blocks lie in the plane"):
         bp.blocks.assemble([ground, box("b", (0, 0, 0), (1, 1, 1))], 0.5)
+    with pytest.raises(TypeError, match="blocks is 1, expected Blocks"):
+        bp.blocks.assemble(1, 0.5)  # type: ignore[arg-type]
+    for density in (np.nan, np.inf, -1.0):
+        with pytest.raises(ValueError, match="density of block 'stone' is"):
+            bp.blocks.Block("stone", [[0, 0], [1, 0], [0, 1]], density=density)
     with pytest.raises(TypeError, match="blocks has a str, expected Blocks"):
         bp.blocks.assemble(["ground"], 0.5)  # type: ignore[list-item]
     # A name is not taken for the names of its letters.

@@ -57,7 +57,36 @@ def test_finite_elements() -> None:
             "plane",
         ),
         (lambda b: contact(plane=b), [([0, 0], [0, 0])], "normal"),
+        (lambda b: contact(plane=b), (NAN, 1, "xy"), "plane"),
         (lambda b: contact(surface=b), ["underneath"], "underneath", "bottom"),
+        (lambda b: contact(surface=b), (None, 1.0, {}, ("bottom",)), "surface"),
+        (lambda b: contact(body=b), (None, 1.0, [], np.zeros(2)), "body"),
+        (
+            lambda b: contact(plane=None, against=b),
+            ("block", ("block",), (1, 2)),
+            "against",
+        ),
+        (
+            lambda b: fem.assemble([BODY], [], [fem.Support("block", "top", b)]),
+            (None, NAN, 1, "01"),
+            "components",
+        ),
+        (
+            lambda b: fem.assemble(
+                [BODY], [], repetitions=[fem.Periodic(("block", "left"), b)]
+            ),
+            (None, NAN, "block", ("block", None)),
+            "onto",
+        ),
+        (
+            lambda b: fem.assemble(
+                [BODY], [], springs=[fem.Spring("block", b, stiffness=1.0)]
+            ),
+            (None, NAN, ("left",)),
+            "surface",
+        ),
+        (lambda b: fem.box(b, "triangle"), (None, 1.0, "x"), "axes"),
+        (lambda b: fem.box([[0, 1]] * 2, b), (None, [], {}), "cell"),
         (lambda b: contact(body=b), ["table"], "table", "block"),
         (lambda b: contact(plane=b), [None], "obstacle"),
         (lambda b: model.traction("block", "top", b), HARD, "force on body"),

@@ -74,7 +74,7 @@ FOLDED[0][2] = [0.1, 0.3, 0.0]
             {"dofs_slave": DOFS, "dofs_master": DOFS + 3, "n": 30},
             r"dofs_master gives node 0 the degree .* gives node 1 at another position, 0.*away",
         ),
-        ({"n": 100}, "degrees of freedom are given in part"),
+        ({"n": 100}, "given in part, expected dofs_slave, dofs_master of all nodes"),
         (
             {"dofs_slave": DOFS, "dofs_master": DOFS, "n": 20},
             "dofs_slave has entry 26, expected 0 to 19",

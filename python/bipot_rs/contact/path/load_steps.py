@@ -83,7 +83,7 @@ class Loading:
                     "(load, prescribed)"
                 )
             of_steps = bare._read_loads(*pair)
-        moving = None if gaps is None else bare._read_gaps(gaps)
+        moving = None if gaps is None else bare._read_gaps(gaps, "gaps")
         if of_steps is not None and moving is not None:
             # Raises unless both have the same number of steps, or one of them has one.
             together("gaps", list(moving), "loads", of_steps, lambda *both: both)
@@ -133,10 +133,10 @@ class Loading:
             )
         return value
 
-    def _read_gaps(self, value: ArrayLike | MovingGaps) -> Gap:
+    def _read_gaps(self, value: ArrayLike | MovingGaps, what: str = "gap") -> Gap:
         """Gaps of each step."""
         if not isinstance(value, MovingGaps):
-            return gaps_of_steps(value, *self.contacts.shape)
+            return gaps_of_steps(value, *self.contacts.shape, what)
         self._check_frames(value)
         if value.gap.ndim == 1:
             return MovingGaps(value.gap[None], value.frame[None], value.drag[None])

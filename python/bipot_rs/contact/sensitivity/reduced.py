@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.validation import csr, floats
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.results.derivatives import ReducedGradient, ReducedTangent
 from bipot_rs.contact.sensitivity.directional import differentiate_step
@@ -94,8 +94,10 @@ class ReducedModel:
 
     def _apply_change(self, W: Any, reaction: Floats) -> Floats:
         """``dW r``."""
+        from scipy.sparse import issparse
+
         size = reaction.size
-        change = W if hasattr(W, "tocsr") else floats("W", W, ndim=2)
+        change = csr("W", W).matrix if issparse(W) else floats("W", W, ndim=2)
         if change.shape != (size, size):
             raise ValueError(f"W has shape {change.shape}, expected {(size, size)}")
         moved = np.asarray(change @ reaction.ravel(), np.float64)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
+from bipot_rs._lib.validation import show_value
 from bipot_rs.contact.law.contact_law import BESIDE_MU
 from bipot_rs.contact.law.frames import turn_operator
 from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
@@ -84,6 +85,11 @@ def assemble(
         Names that do not exist or repeat, nodes of a pair that do not match,
         a normal of length zero: the message has the name and the place.
     """
+    for part in (
+        *(*contacts, *supports, *symmetries, *springs),
+        *(*remotes, *repetitions, *bolts),
+    ):
+        _check_names(part)
     bodies, shanks = cut_bodies(bodies, bolts)
     numbered = number_bodies(bodies)
     dim, n = numbered.dim, numbered.n
@@ -168,6 +174,28 @@ def assemble(
     return assembly.with_stiffness() if stiffness else assembly
 
 
+def _check_names(part: object) -> None:
+    """Check that the names of bodies and surfaces in a part of a model are strings."""
+    kind = type(part).__name__
+    for field in ("body", "surface", "part"):
+        name = getattr(part, field, None)
+        if name is None and (field == "part" or isinstance(part, Support)):
+            continue  # the whole body
+        if hasattr(part, field) and not isinstance(name, str):
+            raise TypeError(
+                f"{field} of a {kind} is {show_value(name)}, expected a name"
+            )
+    for field in ("against", "on", "onto"):
+        pair = getattr(part, field, None)
+        if pair is None and (field == "against" or not hasattr(part, field)):
+            continue
+        is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2
+        if not is_pair or not all(isinstance(name, str) for name in pair):
+            raise TypeError(
+                f"{field} of a {kind} is {show_value(pair)}, expected (body, surface)"
+            )
+
+
 def _sort_planes(
     bodies: NumberedBodies, symmetries: Sequence[Symmetry]
 ) -> tuple[list[Support], list[tuple[Ints, Floats]]]:
@@ -229,7 +257,13 @@ def _check_axisymmetric(
 def _find_dofs(bodies: NumberedBodies, support: Support) -> Ints:
     """Degrees of freedom of a support, ``(components, nodes)``."""
     numbered, components = bodies[support.body], list(range(bodies.dim))
-    if not set(support.components) <= set(components):
+    given = support.components
+    if not isinstance(given, (Sequence, np.ndarray)) or isinstance(given, str):
+        raise TypeError(
+            f"components of the support on {support.surface!r} are {show_value(given)}, "
+            f"expected some of {components}"
+        )
+    if not set(given) <= set(components):
         raise ValueError(
             f"components of the support on {support.surface!r} are "
             f"{list(support.components)}, expected some of {components}"

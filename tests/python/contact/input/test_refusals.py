@@ -355,6 +355,9 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
     (wear, "on_cycle", 1, TYPE, "is 1, expected a function"),
     (wear, "start", 1, TYPE, "is"),
     # Derivatives.
+    (problem, "gaps", "abc", TYPE, "gaps has entries of type"),
+    (problem, "gaps", [[NAN, 0.0]], VALUE, r"gaps is nan at \(0, 0\)"),
+    (reduced_jvp, "W", sparse.csr_array(np.diag([NAN, 1, 1, 1])), VALUE, "not finite"),
     (jvp, "load", np.ones(7), VALUE, "has shape"),
     (jvp, "load", np.ones((2, 6)), VALUE, "has 2 steps"),
     (jvp, "gap", np.ones(77), VALUE, "has shape"),
