@@ -21,7 +21,7 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.cli.solve import matrix_files
+from bipot_rs.cli.run import matrix_files
 
 WIDTH, HEIGHT, PRESSURE, MU = 40.0, 20.0, 50.0, 0.3
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from math import prod
 from types import ModuleType
 from typing import Any, Protocol, TypeAlias
 
@@ -17,13 +18,41 @@ import numpy as np
 
 from bipot_rs._lib.optional import missing
 from bipot_rs._lib.types import Floats, Integers, Ints
-from bipot_rs.mesh import first_order_cells
-from bipot_rs.mesh.first_order_cells import CORNERS, Reference
 
-# Corners in the order of VTK, which is that of scikit-fem but for hexahedra.
+# Shape functions ``(c, q)``, their slopes ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, weights ``(q,)``.
+Reference: TypeAlias = tuple[Floats, Floats, Floats]
+
+# Positions of the nodes of cells of first order, in the order of scikit-fem.
 _CORNERS: dict[str, list[tuple[int, ...]]] = {
-    **CORNERS,
-    "hexahedron": [(x, y, z) for z in (0, 1) for x, y in CORNERS["quadrilateral"]],
+    "line": [(0,), (1,)],
+    "triangle": [(0, 0), (1, 0), (0, 1)],
+    "quadrilateral": [(0, 0), (1, 0), (1, 1), (0, 1)],
+    "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "hexahedron": [
+        (1, 1, 1),
+        (1, 1, 0),
+        (1, 0, 1),
+        (0, 1, 1),
+        (1, 0, 0),
+        (0, 1, 0),
+        (0, 0, 1),
+        (0, 0, 0),
+    ],
+}
+# Names in scikit-fem of the elements of one component.
+_FIRST_ELEMENT = {
+    "line": "ElementLineP1",
+    "triangle": "ElementTriP1",
+    "quadrilateral": "ElementQuad1",
+    "tetrahedron": "ElementTetP1",
+    "hexahedron": "ElementHex1",
+}
+# Gauss points of two on a line, symmetric about its middle.
+_PAIR = 0.5 + 0.5 * np.sqrt(1 / 3) * np.array([-1.0, 1.0])
+# Corners in the order of VTK, which is that of scikit-fem but for hexahedra.
+_VTK_CORNERS: dict[str, list[tuple[int, ...]]] = {
+    **_CORNERS,
+    "hexahedron": [(x, y, z) for z in (0, 1) for x, y in _CORNERS["quadrilateral"]],
 }
 # Edges in the order of their midpoints in VTK.
 _EDGES = {
@@ -164,14 +193,14 @@ class Facet:
     @property
     def linear(self) -> ElementClass:
         """Element of first order on its corners: a class of scikit-fem."""
-        name = first_order_cells.ELEMENT[self.shape]
+        name = _FIRST_ELEMENT[self.shape]
         made: ElementClass = getattr(library(), name)
         return made
 
     @property
     def corners(self) -> int:
         """Number of corners."""
-        return len(CORNERS[self.shape])
+        return len(_CORNERS[self.shape])
 
     @property
     def reference(self) -> Reference:
@@ -218,18 +247,18 @@ class Kind:
     @property
     def dim(self) -> int:
         """2 or 3."""
-        return len(_CORNERS[self.shape][0])
+        return len(_VTK_CORNERS[self.shape][0])
 
     @property
     def corners(self) -> int:
         """Number of corners; they are the first nodes of a cell."""
-        return len(_CORNERS[self.shape])
+        return len(_VTK_CORNERS[self.shape])
 
     @property
     def nodes(self) -> Floats:
         """Positions of the nodes of the reference cell in the order of the element."""
         if self.degree == 1:
-            return np.array(CORNERS[self.shape], dtype=np.float64)
+            return np.array(_CORNERS[self.shape], dtype=np.float64)
         return np.asarray(self.scalar().doflocs, dtype=np.float64)
 
     @property
@@ -255,7 +284,7 @@ class Kind:
 
 @cache
 def _places(vtk: str, shape: str, degree: int) -> Floats:
-    corners = np.array(_CORNERS[shape], dtype=np.float64)
+    corners = np.array(_VTK_CORNERS[shape], dtype=np.float64)
     if degree == 1:
         return corners
     middles = corners[np.array(_EDGES[shape])].mean(axis=1)
@@ -276,6 +305,66 @@ def mesh_class(name: str) -> Any:
     from bipot_rs.mesh import serendipity
 
     return getattr(serendipity, name, None) or getattr(classes, name)
+
+
+@cache
+def _reference_of_first_order(shape: str, order: int) -> Reference:
+    """Shape functions of first order at the points of the rule of ``order``.
+
+    Nodes, points and weights have the order and the values of scikit-fem.
+
+    Returns ``phi, slopes, weights``: as `Reference`; read-only, since they are cached.
+    """
+    points, weights = _rule(shape, order)
+    simplex = shape in ("triangle", "tetrahedron")
+    phi, slopes = (_of_simplex if simplex else _of_product)(shape, points)
+    tables = phi, np.ascontiguousarray(slopes.transpose(2, 1, 0)), weights
+    for array in tables:
+        array.flags.writeable = False
+    return tables
+
+
+def _rule(shape: str, order: int) -> tuple[Floats, Floats]:
+    """Points ``(d, q)`` and weights of the orders that first order needs."""
+    if shape == "tetrahedron" and order == 1:
+        return np.full((3, 1), 0.25), np.full(1, 1 / 6)
+    if shape == "triangle" and order <= 2:
+        # Three points, as scikit-fem takes for order 1 too.
+        return 1 / 6 + 0.5 * np.eye(3)[1:], np.full(3, 1 / 6)
+    if shape in ("line", "quadrilateral", "hexahedron") and order == 2:
+        d = len(_CORNERS[shape][0])
+        grid = np.meshgrid(*[_PAIR] * d, indexing="xy")
+        points = np.stack([axis.ravel(order="F") for axis in grid])
+        return points, np.full(2**d, 0.5**d)
+    raise ValueError(f"there is no rule of order {order} for a {shape}")
+
+
+def _of_simplex(shape: str, points: Floats) -> tuple[Floats, Floats]:
+    """``1 - Σ ξ`` and the coordinates ξ themselves."""
+    first = np.ones(points.shape[1])
+    for axis in points:
+        first = first - axis
+    d = len(_CORNERS[shape]) - 1
+    slopes = np.concatenate([-np.ones((1, d)), np.eye(d)])
+    return np.concatenate([first[None], points]), np.repeat(
+        slopes[:, :, None], points.shape[1], axis=2
+    )
+
+
+def _of_product(shape: str, points: Floats) -> tuple[Floats, Floats]:
+    """Products of ξ or 1 - ξ over the axes."""
+    ones = np.ones(points.shape[1])
+    phi, slopes = [], []
+    for corner in _CORNERS[shape]:
+        factors = [x if on else 1 - x for x, on in zip(points, corner, strict=True)]
+        phi.append(prod(factors, start=ones))
+        slopes.append(
+            [
+                (1.0 if on else -1.0) * prod(factors[:b] + factors[b + 1 :], start=ones)
+                for b, on in enumerate(corner)
+            ]
+        )
+    return np.array(phi), np.array(slopes)
 
 
 @cache
@@ -304,8 +393,8 @@ def reference(element: type, order: int) -> Reference:
 @cache
 def reference_of(shape: str, element: str, order: int) -> Reference:
     """Shape functions of an element at the points of a rule: `Kind.reference`."""
-    if element == first_order_cells.ELEMENT[shape]:
-        return first_order_cells.reference(shape, order)
+    if element == _FIRST_ELEMENT[shape]:
+        return _reference_of_first_order(shape, order)
     return reference(getattr(library(), element), order)
 
 

@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.io import mmwrite
 
 import bipot_rs as bp
-from bipot_rs.cli.solve import matrix_files
+from bipot_rs.cli.run import matrix_files
 from bipot_rs.contact.results.tables import FORCES
 from support.children import bipot, bipot_with
 from support.matrix_and_tables import AXES, MODELS, labels, of_dofs, written
@@ -287,7 +287,9 @@ def test_an_interrupt_keeps_the_steps(tmp_path: Path) -> None:
         if step == 1:
             raise KeyboardInterrupt
 
-    run = bipot_with(fault, "bipot_rs.cli.solve.job:make_row", *command, cwd=tmp_path)
+    run = bipot_with(
+        fault, "bipot_rs.cli.run.matrix_job:make_row", *command, cwd=tmp_path
+    )
     assert run.returncode == 130
     kept = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert (len(kept), kept.success, kept.message) == (1, False, "interrupted")

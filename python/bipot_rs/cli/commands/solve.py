@@ -77,7 +77,7 @@ def add_arguments(parser: shared.Parser) -> None:
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
-    from bipot_rs.cli.solve.job import MatrixOptions, SolveMatrix
+    from bipot_rs.cli.run.matrix_job import MatrixOptions, SolveMatrix
 
     folder = arguments.out or Path("out") / arguments.stiffness.stem
     request = shared.read_options(MatrixOptions, arguments, folder=folder)

@@ -1,1 +1,1 @@
-"""One run of a scene: from its file to its results."""
+"""One run, of a scene or of matrices in files, from its files to its results."""

@@ -21,13 +21,15 @@ from bipot_rs.cli.run.report import closing, format_steps
 from bipot_rs.cli.run.runner import MISTAKES, Runner, outcome
 from bipot_rs.cli.text_table import terminal_width
 from bipot_rs.contact.law.status import STATUS_NAMES
+from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.tables import COLUMNS, list_surface_forces, make_row
+from bipot_rs.files import csv_tables
+from bipot_rs.files.series import write_series
 
 if TYPE_CHECKING:
-    from bipot_rs.cli.solve.matrix_files import MatrixProblem
+    from bipot_rs.cli.run.matrix_files import MatrixProblem
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.files.result_mesh import ResultMesh
 
@@ -74,7 +76,7 @@ class SolveMatrix:
     def work(self) -> tuple[int, str]:
         """Read, solve and write."""
         runner = self.runner
-        from bipot_rs.cli.solve.matrix_files import read
+        from bipot_rs.cli.run.matrix_files import read
         from bipot_rs.files.export import require
 
         require()
@@ -147,8 +149,6 @@ class SolveMatrix:
 
     def _unfinished(self, problem: ContactProblem, message: str) -> Result:
         """The result of the load steps reached."""
-        from bipot_rs.contact.results.result import Result
-
         return Result(
             [step for _, step in self.runner.reached],
             contacts=problem.contacts.arrays(),
@@ -160,8 +160,6 @@ class SolveMatrix:
     def _write(self, given: MatrixProblem, result: Result) -> None:
         """Write result.h5, the tables and, where places are known, files for ParaView."""
         result.mesh = mesh = given.mesh()
-        from bipot_rs.files.csv_tables import write
-
         rows = [row for row, _ in self.runner.reached]
         columns = list(rows[0]) if rows else [c for c in COLUMNS if c != "load"]
         displacements = (
@@ -174,13 +172,15 @@ class SolveMatrix:
         header = ("step", "dof", "node", "component", "displacement")
         writers: dict[str, Callable[[Path], None]] = {
             RESULT: result.save,
-            "steps.csv": lambda path: write(
+            "steps.csv": lambda path: csv_tables.write(
                 path, columns, (list(row_of_table.values()) for row_of_table in rows)
             ),
-            "reactions.csv": lambda path: write(
+            "reactions.csv": lambda path: csv_tables.write(
                 path, _header(given), _reactions(given, result)
             ),
-            "displacements.csv": lambda path: write(path, header, displacements),
+            "displacements.csv": lambda path: csv_tables.write(
+                path, header, displacements
+            ),
         }
         if given.points is not None:
             writers["contact.pvd"] = result.write
@@ -242,8 +242,6 @@ def _count(given: MatrixProblem) -> int:
 
 def _write_nodes(path: Path, mesh: ResultMesh, result: Result) -> None:
     """Write the nodes of the bodies as points; the cells are not known."""
-    from bipot_rs.files.series import write_series
-
     steps = (
         {"displacement": mesh.of_nodes(step.displacement), **instant}
         for step, instant in zip(result, result.instants(), strict=True)

@@ -1,1 +1,0 @@
-"""One solution of a problem in files of another program."""
