@@ -155,7 +155,7 @@ def labels(quantity: Quantity, units: Mapping[str, str]) -> dict[str, str]:
     return {name: text for name, text in attributes.items() if text}
 
 
-def named_units(names: Iterable[str], units: Mapping[str, str]) -> dict[str, str]:
+def name_units(names: Iterable[str], units: Mapping[str, str]) -> dict[str, str]:
     """Unit of each field that has a dimension; the dimension if the unit is not known."""
     unit_of_dimension = {}
     for name in names:
@@ -165,7 +165,7 @@ def named_units(names: Iterable[str], units: Mapping[str, str]) -> dict[str, str
     return unit_of_dimension
 
 
-def increasing(*choices: Sequence[float | None]) -> list[float]:
+def choose_times(*choices: Sequence[float | None]) -> list[float]:
     """The first choice of times that grow from step to step; else the number of each step.
 
     ParaView shows files of equal times together, as parts of one step, and sorts the others

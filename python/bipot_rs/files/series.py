@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import AnyArray, Floats, Integers, Record
 from bipot_rs.files.drafts import aside, place
-from bipot_rs.files.fields import OF_STEPS, increasing, named_units
+from bipot_rs.files.fields import OF_STEPS, choose_times, name_units
 
 Cells = Sequence[tuple[str, Integers]]
 Fields = Mapping[str, AnyArray]
@@ -55,9 +55,10 @@ def write_grid(
     grid = meshio.Mesh(
         np.asarray(points, np.float64),
         blocks or [("vertex", np.zeros((0, 1), integer))],
-        point_data={name: _as_stored(field) for name, field in of_points.items()},
+        point_data={name: _convert_for_vtk(field) for name, field in of_points.items()},
         cell_data={
-            name: np.split(_as_stored(field), ends) for name, field in of_cells.items()
+            name: np.split(_convert_for_vtk(field), ends)
+            for name, field in of_cells.items()
         },
     )
     # Compression takes longer than the rest of a load step with few contacts.
@@ -69,7 +70,7 @@ def write_grid(
         file.write(_field_data(numbers, units) + _END + end)
 
 
-def _as_stored(field: AnyArray) -> AnyArray:
+def _convert_for_vtk(field: AnyArray) -> AnyArray:
     """A field in a type that VTK has."""
     if field.dtype.kind == "b":
         return field.astype(np.uint8)
@@ -118,7 +119,9 @@ def write_pieces(
     ):
         group = ElementTree.SubElement(grid, tag)
         for name, field in fields.items():
-            kind = _as_stored(field[:0]).dtype.name.title().replace("Uint", "UInt")
+            kind = (
+                _convert_for_vtk(field[:0]).dtype.name.title().replace("Uint", "UInt")
+            )
             array = ElementTree.SubElement(group, "PDataArray", type=kind, Name=name)
             if field.ndim == 2:
                 array.set("NumberOfComponents", str(field.shape[1]))
@@ -243,7 +246,7 @@ class Series:
             name: float(step[name]) for name in OF_STEPS if step.get(name) is not None
         }
         in_cells = of_cells or {}
-        units = named_units([*fields, *in_cells], self._units)
+        units = name_units([*fields, *in_cells], self._units)
         index = self._index
         name = f"{index.stem}_{len(self._names):04d}"
         end = "" if self._pieces == 1 else f"_{self._piece:04d}"
@@ -269,7 +272,9 @@ class Series:
         if self._piece:
             return
         index = self._index
-        times = increasing(*([n.get(name) for n in self._numbers] for name in OF_STEPS))
+        times = choose_times(
+            *([n.get(name) for n in self._numbers] for name in OF_STEPS)
+        )
         with aside(index) as draft:
             write_collection(draft, self._names, times)
         if self._pieces > 1:

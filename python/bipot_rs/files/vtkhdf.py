@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from bipot_rs._lib.types import AnyArray
-from bipot_rs.files.fields import OF_STEPS, increasing
+from bipot_rs.files.fields import OF_STEPS, choose_times
 
 if TYPE_CHECKING:
     from h5py import Dataset, Group
@@ -156,7 +156,7 @@ def write_group(
     group["FieldData/load"] = fields["load"]
     in_time = group.create_group("Steps")
     in_time.attrs["NSteps"] = count
-    in_time["Values"] = increasing(*(fields[name][()].tolist() for name in OF_STEPS))
+    in_time["Values"] = choose_times(*(fields[name][()].tolist() for name in OF_STEPS))
     in_time["NumberOfParts"] = np.ones_like(numbers)
     for name in ("Part", "Point", "Cell", "ConnectivityId"):
         shape = (count,) if name.startswith("P") else (count, 1)

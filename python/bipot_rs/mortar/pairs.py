@@ -232,12 +232,12 @@ def pair_surfaces(
 
         over = overlaps(slave, master, limit)
         if not len(over.slave):
-            raise ValueError(_nothing(slave, master, distance))
+            raise ValueError(_describe_no_pair(slave, master, distance))
         nodal_weights = weights(slave, integrate(slave, over, master, function), master)
     else:
         nodal_weights = _nodes(slave, master, limit, function)
         if not len(nodal_weights.node):
-            raise ValueError(_nothing(slave, master, distance))
+            raise ValueError(_describe_no_pair(slave, master, distance))
     _own_dofs(slave, columns[0], master, columns[1])
     return _assemble_pairs(
         nodal_weights,
@@ -385,7 +385,9 @@ def _apart(slave: FacetMesh, master: FacetMesh) -> None:
             )
 
 
-def _nothing(slave: FacetMesh, master: FacetMesh, distance: float | None) -> str:
+def _describe_no_pair(
+    slave: FacetMesh, master: FacetMesh, distance: float | None
+) -> str:
     """Message: why no facet of the slave meets a facet of the master."""
     from scipy.spatial import cKDTree
 

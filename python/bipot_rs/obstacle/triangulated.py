@@ -190,7 +190,7 @@ class Surface:
         on = on[rim | self._sheet[facet[on], part[on]]]
         normal = closest.normal.copy()
         for at in self._portions(on):
-            point, touching = self._touching(closest.foot[on[at]])
+            point, touching = self._find_touching(closest.foot[on[at]])
             ends = np.searchsorted(point, np.arange(len(on[at]) + 1))
             for k, first, last in zip(on[at], ends[:-1], ends[1:], strict=True):
                 normals = np.vstack([self._normal[touching[first:last]], normal[k]])
@@ -205,7 +205,7 @@ class Surface:
             far = (k + 1) % 3 if self.dim == 3 else k
             yield corners[:, k], corners[:, far]
 
-    def _touching(self, places: Floats) -> tuple[Ints, Ints]:
+    def _find_touching(self, places: Floats) -> tuple[Ints, Ints]:
         """Pairs of a point and a facet that it lies on, ascending by point."""
         slack = _RIM * self._size
         pairs = list(self._tree.nearer(places, np.full(len(places), slack)))
@@ -397,7 +397,7 @@ def _sums(
     instead; where that cancels too, inside the sheet, zero.
     """
 
-    def summed(vectors: Floats) -> Floats:
+    def sum_by_place(vectors: Floats) -> Floats:
         columns = [np.bincount(to, column, minlength=count) for column in vectors.T]
         total = np.stack(columns, axis=1).astype(np.float64)
         size = np.bincount(to, length(vectors), minlength=count)
@@ -405,9 +405,9 @@ def _sums(
         total[length(total) <= _CANCELS * size] = 0.0
         return direction(total)
 
-    normals = summed(values)
+    normals = sum_by_place(values)
     sheet = (normals == 0).all(axis=1, keepdims=True)
-    return np.where(sheet, summed(outwards), normals), sheet.ravel()
+    return np.where(sheet, sum_by_place(outwards), normals), sheet.ravel()
 
 
 def _nearest_in_cone(normals: Floats, direction: Floats, otherwise: Floats) -> Floats:

@@ -147,13 +147,13 @@ class Copies:
     places: SharedPlaces
     all_places: SharedPlaces
 
-    def extended(self, operator: Operator, vector: PetscVec) -> PetscVec:
+    def add_copies(self, operator: Operator, vector: PetscVec) -> PetscVec:
         """A Vec with zeros at the copies."""
         longer = operator.make_zeros()
         longer.array[: vector.getLocalSize()] = vector.array_r
         return longer
 
-    def shortened(self, vector: PetscVec) -> PetscVec:
+    def drop_copies(self, vector: PetscVec) -> PetscVec:
         """A Vec without the copies."""
         shorter = self.K.createVecRight()
         shorter.array[:] = vector.array_r[: shorter.getLocalSize()]
@@ -312,12 +312,12 @@ class PetscPath:
         springs, places = copies.springs, copies.all_places
         if u is not None:
             spread = springs.spread(copies.places.gather(u))
-            u = copies.extended(operator, u)
+            u = copies.add_copies(operator, u)
             places.write(spread, u)
 
         def step(added: Floats, *how: bool) -> tuple[WholeStep, str]:
             nonlocal u
-            force = copies.extended(operator, load)
+            force = copies.add_copies(operator, load)
             force.array[places.rows] += added[places.own]
             self._core = self.engine.from_step(self._last)
             solved = self._solve(force, u, prescribed, gap, settings, *how)
@@ -333,6 +333,6 @@ class PetscPath:
             settings.tol,
             operator.comm.bcast,
         )
-        u = copies.shortened(u)
+        u = copies.drop_copies(u)
         computed = replace(solved.computed, displacement=u)
         return replace(solved, computed=computed)  # type: ignore[return-value]

@@ -14,9 +14,15 @@ from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.mesh.kinds import OF_VTK
 from bipot_rs.plots import mpl, style
-from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
+from bipot_rs.plots.data import (
+    describe_step_of,
+    number_of,
+    one_step,
+    require_model,
+    units_of,
+)
 from bipot_rs.plots.triangles import (
-    deformed_nodes,
+    deform_nodes,
     sharp_edges,
     skin,
 )
@@ -129,7 +135,7 @@ def deformed(
         cells = sum(len(corners) for _, corners in model.cells)
         at_rest = floats("at_rest", at_rest, shape=(cells, 3, 3))
     mises = cell_fields(model, u, at_rest)["von_mises"]
-    places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
+    places, scale = deform_nodes(model.nodes, u, scale, _DEFORMED)
     if near is not None:
         corners = _around_contacts(model, places, near)
     ax = style.axes_of(ax, size=(5.4, 3.8), space=model.dim == 3)
@@ -167,7 +173,7 @@ def deformed(
     words = [f"displacements × {scale:g}"] if scale != 1 else []
     if longest:
         words.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
-    lines = [", ".join([*words, *filter(None, [said_of(result, step)])])]
+    lines = [", ".join([*words, *filter(None, [describe_step_of(result, step)])])]
     if _draw_unscaled(model, scale):
         lines.insert(
             0, "gaps between bodies × 1: bodies that touch may seem to overlap"
@@ -179,13 +185,13 @@ def deformed(
 
 def usual_scale(model: object, steps: Sequence[Step]) -> float:
     """The default factor of the displacements for the largest one of several steps."""
-    model, _ = drawn_model(model)
+    model, _ = require_model(model)
     size, d = model.nodes.size, model.dim
     largest = max(
         (step.displacement for step in steps),
         key=lambda u: np.linalg.norm(u[:size].reshape(-1, d), axis=1).max(initial=0.0),
     )
-    return deformed_nodes(model.nodes, largest, None, _DEFORMED)[1]
+    return deform_nodes(model.nodes, largest, None, _DEFORMED)[1]
 
 
 def _box(box: ArrayLike | None, near: float | None, d: int) -> Floats | None:
@@ -217,7 +223,7 @@ def _bodies(given: object, result: object) -> tuple[Assembly, Case | None]:
             return case_of_result.model, case_of_result
     elif case_of_result is not None and case_of_result.model is given:
         return given, case_of_result
-    return drawn_model(given)
+    return require_model(given)
 
 
 def _at_rest(case: Case, result: object, shown: Step, step: int) -> Floats | None:

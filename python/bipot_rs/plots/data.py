@@ -187,7 +187,7 @@ def model_of(given: object) -> tuple[Assembly | None, Case | None]:
     return (None, None) if case is None else (case.model, case)
 
 
-def drawn_model(given: object) -> tuple[Assembly, Case | None]:
+def require_model(given: object) -> tuple[Assembly, Case | None]:
     """As `model_of`; a `TypeError` if there is no model."""
     model, case = model_of(given)
     if model is None:
@@ -235,7 +235,7 @@ def number_of(result: object, step: int) -> tuple[int, int] | None:
     return (step if step < 0 else result.first_step + step) % count, count
 
 
-def said_of(result: object, step: int) -> str:
+def describe_step_of(result: object, step: int) -> str:
     """``load step 3 of 8``; empty for a path of one step."""
     number = number_of(result, step)
     if number is None or number[1] == 1:
@@ -299,7 +299,7 @@ def look(
         units=units_of(result, units),
         surface=surface_of(arrays_of_contacts, n),
         names=names_of(arrays_of_contacts),
-        said=said_of(result, step),
+        said=describe_step_of(result, step),
         revolved=arrays_of_contacts.get("revolved") is not None,
         facets=facets_of(arrays_of_contacts, n) if d == 3 else None,
         patches=patches,

@@ -226,7 +226,7 @@ def draw_slip(
     """Draw the slip of the step along a line, except where contact is open."""
     lines, name = lines_of(seen, along)
     for k, (_, line) in enumerate(lines):
-        v = _component(seen, closed_slip(seen), line)
+        v = _component(seen, find_closed_slip(seen), line)
         v[seen.status[line.order] == Status.OPEN] = np.nan
         colour = style.SHEAR if len(lines) == 1 else style.cycle(k)
         mark = mark_of(line)
@@ -246,7 +246,7 @@ def draw_slip(
     return ax
 
 
-def closed_slip(seen: DrawnContacts) -> Floats:
+def find_closed_slip(seen: DrawnContacts) -> Floats:
     """Slip of the step where the status is slip, ``(n_c, d - 1)``; zero elsewhere.
 
     At sticking contacts it is rounding; at open ones it is not slip.

@@ -21,8 +21,8 @@ from bipot_rs.plots.data import (
     ContactData,
     ContactsArgument,
     contacts_of,
-    drawn_model,
     names_of,
+    require_model,
     selection,
     steps_of,
     surface_of,
@@ -294,7 +294,7 @@ def force_displacement(
 
 def _mean_displacement(path: Result, surface: str, model: object) -> Floats:
     """Mean displacement of the nodes of ``"body.surface"``, ``(steps, d)``."""
-    bodies = drawn_model(path if model is None else model)[0].numbered
+    bodies = require_model(path if model is None else model)[0].numbered
     body, _, name = surface.partition(".")
     nodes = bodies[body].body.nodes(name)
     return np.asarray(path.displacement[:, bodies[body].dofs[nodes]].mean(axis=1))

@@ -20,11 +20,11 @@ from bipot_rs.plots.body import (
 from bipot_rs.plots.data import (
     ContactsArgument,
     DrawnContacts,
-    drawn_model,
     look,
     model_of,
+    require_model,
 )
-from bipot_rs.plots.line import closed_slip
+from bipot_rs.plots.line import find_closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, is_plane, span, values_of
 from bipot_rs.plots.triangles import corners, cut, sharp_edges
 
@@ -98,7 +98,7 @@ def surface3d(
     if result is None:
         result, model = model, model_of(model)[0] if isinstance(model, Result) else None
     else:
-        model, _ = drawn_model(model)
+        model, _ = require_model(model)
     seen = look(
         result, step, contacts=model if contacts is None else contacts, units=units
     )
@@ -205,7 +205,7 @@ def _arrows(
     seen: DrawnContacts, places: Floats, limits: tuple[float, float] | None
 ) -> Floats:
     """Tails and vectors of up to some 150 arrows of the slip, ``(6, arrows)``."""
-    vectors = seen.vectors(closed_slip(seen))
+    vectors = seen.vectors(find_closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
     largest = float(size.max(initial=0.0))
     moving = np.flatnonzero(size > 1e-3 * largest)

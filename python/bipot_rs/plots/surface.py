@@ -21,7 +21,7 @@ from bipot_rs.plots.data import (
     selection,
     steps_of,
 )
-from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
+from bipot_rs.plots.line import draw_slip, draw_zones, find_closed_slip
 from bipot_rs.plots.triangles import cut, of_points, polygons
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def surface_map(
             f"quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}"
         )
     seen = look(result, step, contacts=contacts, on=on, units=units)
-    vectors = {"shear": seen.traction[:, 1:], "slip": closed_slip(seen)}
+    vectors = {"shear": seen.traction[:, 1:], "slip": find_closed_slip(seen)}
     vector = vectors.get(quantity)
     if arrows is None:
         arrows = vector is not None and seen.frame is not None
@@ -187,7 +187,7 @@ def values_of(seen: DrawnContacts, quantity: str) -> tuple[Floats, str, str | No
     values: dict[str, Floats] = {
         "pressure": seen.traction[:, 0],
         "shear": np.linalg.norm(seen.traction[:, 1:], axis=1),
-        "slip": np.linalg.norm(closed_slip(seen), axis=1),
+        "slip": np.linalg.norm(find_closed_slip(seen), axis=1),
         "gap": np.where(apart, seen.gap, 0.0),
     }
     return values[quantity], name, unit
@@ -298,7 +298,7 @@ def slip(
     if seen.x.shape[1] == 2 or along is not None:
         return draw_slip(seen, along, ax, limits)
     uv, names = plane_of(seen)
-    moved = closed_slip(seen)
+    moved = find_closed_slip(seen)
     size = np.linalg.norm(moved, axis=1)
     closed = seen.status != Status.OPEN
     u, v = uv.T

@@ -213,7 +213,7 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
     return facets_of_bodies
 
 
-def deformed_nodes(
+def deform_nodes(
     nodes: Floats, displacement: Floats, scale: float | None, share: float
 ) -> tuple[Floats, float]:
     """Points ``nodes + scale * u``, and the scale; u may continue with reference points.

@@ -23,7 +23,7 @@ def folder_of(name: str) -> Path:
     return Path() if name in shipped() else Path(name).parent
 
 
-def _nothing(path: Path) -> str:
+def _describe_unknown(path: Path) -> str:
     """Message about a name that is not a scene, with the most similar one."""
     # Tried first: `nearest` would not always find the name with .toml added.
     with_suffix = f"{path}.toml"
@@ -51,7 +51,9 @@ def text(name: str) -> str:
     path = _SHIPPED / f"{name}.toml" if name in shipped() else Path(name)
     try:
         if not path.is_file():
-            raise SceneError(name, [Mistake("", _nothing(path), MistakeKind.FILE)])
+            raise SceneError(
+                name, [Mistake("", _describe_unknown(path), MistakeKind.FILE)]
+            )
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         mistake = Mistake("", f"cannot be read: {error}", MistakeKind.FILE)

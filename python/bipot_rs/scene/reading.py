@@ -17,7 +17,7 @@ from bipot_rs.scene.library import folder_of, text
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
 from bipot_rs.scene.schema.formula import Formulas
-from bipot_rs.scene.schema.messages import describe_error, standing
+from bipot_rs.scene.schema.messages import describe_error, list_key_paths
 from bipot_rs.scene.schema.root import Scene, Solver
 
 
@@ -72,7 +72,7 @@ def check(
     try:
         scene = _validate(table, formulas)
     except ValidationError as error:
-        keys, values = standing(Scene, table), formulas.values
+        keys, values = list_key_paths(Scene, table), formulas.values
         every = error.errors()
         # Names in a circle follow from each other.
         errors = [e for e in every if not formulas.follows(e)] or [

@@ -35,9 +35,9 @@ def test_unit() -> None:
 def test_unit_or_dimension_of_each_field() -> None:
     names = ["force", "status", "pressure", "a name of somebody else"]
     told = {"force": "kN", "pressure": "GPa"}
-    assert fields.named_units(names, UNITS) == told
+    assert fields.name_units(names, UNITS) == told
     # Without units the file still says what kind of number it holds.
-    assert fields.named_units(names, {}) == {"force": "force", "pressure": "stress"}
+    assert fields.name_units(names, {}) == {"force": "force", "pressure": "stress"}
     plain = {"meaning": "it", "dimension": "force", "frame": "local"}
     quantity = Quantity("it", "force", fields.LOCAL)
     assert fields.labels(quantity, {}) == plain
@@ -80,7 +80,7 @@ def test_times_of_a_series() -> None:
         ([3.0], [1.0], [3.0]),
         ([], [], []),
     ):
-        assert fields.increasing(loads, times) == chosen
+        assert fields.choose_times(loads, times) == chosen
 
 
 def test_a_wrong_mesh_is_refused() -> None:

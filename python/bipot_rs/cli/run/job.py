@@ -221,7 +221,7 @@ class Job:
 
     def _earlier(self, stamp: Mapping[str, object]) -> str:
         """Find load steps of an earlier run; a message if that one is complete."""
-        from bipot_rs.cli.run.resume import earlier, left_off
+        from bipot_rs.cli.run.resume import describe_unfinished, earlier
 
         remark, path = "", self._source()
         if self.request.resume:
@@ -231,7 +231,7 @@ class Job:
             kept = count_noun(len(self.done), "load step")
             remark = f"{path}: continuing after {kept}"
         elif not self.runner.as_json:
-            remark = left_off(path, stamp, self.count)
+            remark = describe_unfinished(path, stamp, self.count)
         if remark and not self.runner.as_json:
             complain(remark)
         return ""
@@ -244,12 +244,12 @@ class Job:
     def _begin_checkpoint(self, draft: Path, stamp: Mapping[str, object]) -> None:
         """Let rank 0 of several keep each load step."""
         from bipot_rs.cli.run.output_files import Checkpoint
-        from bipot_rs.cli.run.resume import left_off
+        from bipot_rs.cli.run.resume import describe_unfinished
 
         if not self.runner.shared or not self.runner.ranks.first:
             return
         path = self.request.folder / RESULT
-        ours = self.done is not None or left_off(path, stamp, self.count)
+        ours = self.done is not None or describe_unfinished(path, stamp, self.count)
         if path.exists() and not ours:
             path = self.request.folder / UNFINISHED
         attributes = self._attributes("the run has not ended", stamp)
@@ -572,7 +572,7 @@ class Job:
     def show(self, code: int) -> None:
         """Print the table of load steps, remarks, times and the names of the files."""
         runner = self.runner
-        from bipot_rs.cli.run.report import closing, format_steps
+        from bipot_rs.cli.run.report import format_steps, list_closing
         from bipot_rs.cli.text_table import terminal_width
         from bipot_rs.fem.checks.inspection import review
 
@@ -607,7 +607,7 @@ class Job:
         folder = self.request.folder
         if code == SOLVED:
             remarks = review(model, [step for _, step in runner.reached])
-            lines += closing(rows, self.tol, folder, remarks)
+            lines += list_closing(rows, self.tol, folder, remarks)
         if self.wear is not None:
             lines.append(f"wear: {self.wear.said}")
         times = ", ".join(

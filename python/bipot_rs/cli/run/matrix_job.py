@@ -17,7 +17,7 @@ from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import Progress, tell
 from bipot_rs.cli.run.output_folder import RESULT, make
-from bipot_rs.cli.run.report import closing, format_steps
+from bipot_rs.cli.run.report import format_steps, list_closing
 from bipot_rs.cli.run.runner import MISTAKES, Runner, outcome
 from bipot_rs.cli.text_table import terminal_width
 from bipot_rs.contact.law.status import STATUS_NAMES
@@ -94,12 +94,12 @@ class SolveMatrix:
         with Progress(1, _count(model), quiet=runner.as_json) as runner.progress:
             code, message = runner.attempt(lambda: self._solve(model))
         if self.result is None and self.problem is not None and runner.reached:
-            self.result = self._unfinished(self.problem, message)
+            self.result = self._make_unfinished(self.problem, message)
         if self.result is not None:
             before = len(runner.reached)
             code, message = runner.recover(code, message)
             if self.problem is not None and len(runner.reached) < before:
-                self.result = self._unfinished(self.problem, message)
+                self.result = self._make_unfinished(self.problem, message)
             self._write(model, self.result)
         if code == SOLVED and runner.interrupts.came is not None:
             code, message = runner.interrupted
@@ -147,7 +147,7 @@ class SolveMatrix:
                 )
         return code, message
 
-    def _unfinished(self, problem: ContactProblem, message: str) -> Result:
+    def _make_unfinished(self, problem: ContactProblem, message: str) -> Result:
         """The result of the load steps reached."""
         return Result(
             [step for _, step in self.runner.reached],
@@ -207,7 +207,7 @@ class SolveMatrix:
         remarks = () if self.result is None else self.result.remarks
         drawn = None if model.points is None else folder
         # The bodies are points only, and there are none if some nodes are not listed.
-        lines = closing(rows, self.request.tol, drawn, remarks, "contact.pvd")
+        lines = list_closing(rows, self.request.tol, drawn, remarks, "contact.pvd")
         contacts = count_noun(len(model.gap), "contact")
         seconds = perf_counter() - self.runner.started
         lines.append(

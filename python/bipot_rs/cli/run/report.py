@@ -204,7 +204,7 @@ def _cell(row: Record, column: str) -> str:
     return _FORMS.get(kind, "{}").format(value)
 
 
-def closing(
+def list_closing(
     rows: Sequence[Record],
     tol: float,
     folder: Path | None,

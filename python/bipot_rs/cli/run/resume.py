@@ -80,7 +80,9 @@ def earlier(path: Path, expected: Mapping[str, object], count: int | None) -> Re
     return stored
 
 
-def left_off(path: Path, expected: Mapping[str, object], count: int | None) -> str:
+def describe_unfinished(
+    path: Path, expected: Mapping[str, object], count: int | None
+) -> str:
     """A remark if ``path`` holds an unfinished result of this run; else an empty text."""
     try:
         if not path.exists() or export.read_attributes(path).get("complete"):

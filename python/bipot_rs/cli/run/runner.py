@@ -70,12 +70,12 @@ def outcome(error: BaseException) -> tuple[int, str]:
     return BAD_INPUT, str(error) or type(error).__name__
 
 
-def _of_the_system(error: BaseException | None) -> bool:
+def _is_system_error(error: BaseException | None) -> bool:
     """Whether the system refused a call, such as a write to a full disk."""
     if not isinstance(error, OSError):
         return False
     has_number = error.errno is not None and error.errno != errno.EINTR
-    return has_number or _of_the_system(error.__cause__)
+    return has_number or _is_system_error(error.__cause__)
 
 
 def recover_steps(reached: list[Reached]) -> str:
@@ -99,7 +99,7 @@ def recover_steps(reached: list[Reached]) -> str:
     return ""
 
 
-class Command(Protocol):
+class Work(Protocol):
     """What a `Runner` carries out."""
 
     def work(self) -> tuple[int, str]:
@@ -133,7 +133,7 @@ class Runner:
 
     def __init__(
         self,
-        command: Command,
+        command: Work,
         *,
         as_json: bool,
         interrupts: Interrupts | None = None,
@@ -215,7 +215,7 @@ class Runner:
             if self.interrupts.came is not None:
                 # Libraries turn an interrupt into errors of their own. A full disk is not
                 # one of these: the user must know that files are missing.
-                lost = message if _of_the_system(error) else None
+                lost = message if _is_system_error(error) else None
                 code, message = self.interrupted
                 message += "" if lost is None else f"; {lost}"
         if not self.as_json:

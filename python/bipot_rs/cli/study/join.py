@@ -45,7 +45,7 @@ def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
         for number, row in _rows_of(path, part, asked).items()
     }
     rows = {
-        number: finished.get(number) or _missing(settings, owner.get(number))
+        number: finished.get(number) or _make_missing_row(settings, owner.get(number))
         for number, settings in enumerate(asked)
     }
     homes = {path.parent for path in parts}
@@ -69,7 +69,7 @@ def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
     return print_study(record.scene, keys, rows, message, as_json=as_json)
 
 
-def _missing(settings: dict[str, str], owner: Path | None) -> dict[str, str]:
+def _make_missing_row(settings: dict[str, str], owner: Path | None) -> dict[str, str]:
     """The row of the table for one that no part has solved."""
     why = _NO_PART if owner is None else f"{owner} does not have it yet"
     return {**settings, "outcome": MISSING, "message": why}

@@ -659,7 +659,7 @@ class Assembly:
             return self._point_forces(load)
         numbered, forces = self.numbered[load.body], np.zeros(self.n)
         forces[numbered.span] = load.forces(numbered.body)
-        return self._within_constraints(forces)
+        return self._drop_constrained(forces)
 
     def _point_forces(self, load: PointLoad) -> Floats:
         forces = np.zeros(self.n)
@@ -669,14 +669,14 @@ class Assembly:
                 forces[numbered.span] = distributed_force(
                     numbered.body, remote, load.force, load.moment
                 )
-                return self._within_constraints(forces)
+                return self._drop_constrained(forces)
         point = reference_named(self.references, load.name)
         dofs = np.concatenate([point.dofs, point.turns])
         forces[dofs] = point.force(load.force, load.moment)
         # A dependent degree of freedom of the point passes its load on.
         return forces if self.ties is None else self.ties.load(forces)
 
-    def _within_constraints(self, forces: Floats) -> Floats:
+    def _drop_constrained(self, forces: Floats) -> Floats:
         """Forces without the part that inclined supports and ties take."""
         return forces if self.ties is None else self.ties.load(forces)
 

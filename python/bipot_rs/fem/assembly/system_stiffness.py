@@ -45,10 +45,10 @@ def system_stiffness(
                 rows = slice(None) if wanted is None else dofs_of(wanted, dim)
                 block = block + added[rows]
         blocks.append(block)
-    return _stacked(blocks)
+    return _stack_blocks(blocks)
 
 
-def _stacked(blocks: Sequence[CsrMatrix]) -> CsrMatrix:
+def _stack_blocks(blocks: Sequence[CsrMatrix]) -> CsrMatrix:
     """Block-diagonal CSR of the matrices of the bodies, entries in the same order."""
     if len(blocks) == 1:
         return blocks[0]

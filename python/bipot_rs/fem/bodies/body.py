@@ -197,7 +197,7 @@ class Body:
         """Whether the mesh is the half section (r, z) of a body of revolution."""
         return self.materials[0].axisymmetric
 
-    def _turned(self, weights: Floats, places: Floats) -> Floats:
+    def _revolve(self, weights: Floats, places: Floats) -> Floats:
         """Weights ``(parts, q)``, of a body of revolution times 2 π r."""
         return weights * (2 * np.pi * places[0]) if self.axisymmetric else weights
 
@@ -212,7 +212,7 @@ class Body:
             corners=corners,
             phi=phi,
             places=places,
-            weights=self._turned((weights[:, None] * np.abs(determinant)).T, places),
+            weights=self._revolve((weights[:, None] * np.abs(determinant)).T, places),
             normals=None,
             nodes=len(self.points),
         )
@@ -262,7 +262,7 @@ class Body:
             corners=corners,
             phi=phi,
             places=places,
-            weights=self._turned((weights[:, None] * size).T, places),
+            weights=self._revolve((weights[:, None] * size).T, places),
             normals=normals.transpose(1, 2, 0),
             nodes=len(self.points),
         )
@@ -295,7 +295,7 @@ class Body:
                     corners=facets[facet],
                     phi=phi.swapaxes(1, 2),
                     places=places,
-                    weights=self._turned(weights, places),
+                    weights=self._revolve(weights, places),
                     normals=normals,
                     nodes=len(self.points),
                 )
@@ -314,7 +314,7 @@ class Body:
         """Nodes of a named surface, ascending, with ``low ≤ x[axis] ≤ high`` if ``within``."""
         corners = facet_nodes(self.mesh, self.facets(surface))
         nodes = np.unique(corners).astype(np.int64)
-        return self._within(nodes, within, f"surface {surface!r}")
+        return self._select_within(nodes, within, f"surface {surface!r}")
 
     def members(
         self,
@@ -355,7 +355,7 @@ class Body:
                 f"body {self.name!r} has no surface or volume {part!r}"
                 + instead(part, sorted(names), "its mesh names neither")
             )
-        nodes = self._within(nodes, within, whose)
+        nodes = self._select_within(nodes, within, whose)
         if not nodes.size:
             raise ValueError(
                 f"{whose} has no nodes: within excludes all of them, widen its ranges"
@@ -374,7 +374,7 @@ class Body:
         # Equally near ones differ by rounding.
         return nodes[np.flatnonzero(apart <= apart.min() + slack)[:1]]
 
-    def _within(self, nodes: Ints, within: Box | None, whose: str) -> Ints:
+    def _select_within(self, nodes: Ints, within: Box | None, whose: str) -> Ints:
         return nodes[nodes_within(self.mesh, within, f"within of {whose}")[nodes]]
 
 

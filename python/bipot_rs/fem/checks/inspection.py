@@ -79,17 +79,17 @@ def inspect(
         values = floats("prescribed", prescribed, finite=False)
         prescribed = floats("prescribed", np.where(np.isnan(values), 0.0, values))
     warnings = [
-        *_penetrating(model),
-        *_facing_away(model),
+        *_find_penetration(model),
+        *_find_wrong_normals(model),
         *_without_friction(model, prescribed),
         *describe_free_bodies(model),
-        *_determined(model),
+        *_find_determined_sets(model),
         *_units(model),
     ]
     if load is not None or prescribed is not None:
         warnings += _far(model, load, prescribed)
     if load is not None:
-        warnings += _overloaded(
+        warnings += _find_overload(
             model, floats("load", load) - floats("strained", strained)
         )
     return warnings
@@ -99,36 +99,36 @@ def _size(model: Assembly) -> float:
     return float(np.ptp(model.nodes, axis=0).max())
 
 
-def _named(model: Assembly, group: int) -> str:
+def _name_surface(model: Assembly, group: int) -> str:
     contact = model.contacts[group]
     return f"surface {contact.surface!r} of body {contact.body!r}"
 
 
-def _groups(model: Assembly) -> Iterator[tuple[int, Ints]]:
+def _list_contacts(model: Assembly) -> Iterator[tuple[int, Ints]]:
     """Index of each contact, and the indices of its contact nodes."""
     for group in range(len(model.contacts)):
         yield group, np.flatnonzero(model.group == group).astype(np.int64)
 
 
-def _penetrating(model: Assembly) -> Iterator[str]:
+def _find_penetration(model: Assembly) -> Iterator[str]:
     size, wanted = _size(model), model.find_interference()
-    for group, at in _groups(model):
+    for group, at in _list_contacts(model):
         inside = at[(model.gap[at] < -_ROUNDING * size) & ~wanted[at]]
         if inside.size:
             deepest = inside[np.argmin(model.gap[inside])]
             depth = -float(model.gap[deepest])
             yield (
                 f"{inside.size} of the {count_noun(at.size, 'node')} of "
-                f"{_named(model, group)} start inside what they may touch, the deepest by "
+                f"{_name_surface(model, group)} start inside what they may touch, the deepest by "
                 f"{depth:g} at {place(model.points[deepest])}, {100 * depth / size:.2g} % "
                 "of the size of the model: the first step pushes them out; this is right "
                 "for an interference fit, otherwise move the body or add a clearance"
             )
 
 
-def _facing_away(model: Assembly) -> Iterator[str]:
+def _find_wrong_normals(model: Assembly) -> Iterator[str]:
     # `fem.assemble` refuses two bodies that do not face each other.
-    for group, at in _groups(model):
+    for group, at in _list_contacts(model):
         contact = model.contacts[group]
         here = at[model.contact_dofs[at, 0] >= 0]
         if contact.against is not None or not here.size:
@@ -147,14 +147,14 @@ def _facing_away(model: Assembly) -> Iterator[str]:
 
 def _without_friction(model: Assembly, prescribed: ArrayLike | None) -> Iterator[str]:
     lost_ones = ~has_friction(model) & _slides(model, prescribed)
-    for group, at in _groups(model):
+    for group, at in _list_contacts(model):
         if not np.any(np.asarray(model.contacts[group].mu) > 0):
             continue
         lost = int(np.sum(lost_ones[at]))
         if lost:
             yield (
-                f"{lost} of the {count_noun(at.size, 'node')} of {_named(model, group)} have "
-                "no friction, mu = 0: supports prescribe their tangential displacement; "
+                f"{lost} of the {count_noun(at.size, 'node')} of "
+                f"{_name_surface(model, group)} have no friction, mu = 0: supports prescribe their tangential displacement; "
                 "remove these components of the support if friction should act"
             )
 
@@ -186,7 +186,7 @@ def _far(
     loaded = load is not None and bool(np.any(floats("load", load) != 0))
     # Twice: rotations and Poisson's effect may exceed the prescribed displacements.
     reach = max(SMALL_DISPLACEMENT * size if loaded else 0.0, 2 * moved)
-    for group, at in _groups(model):
+    for group, at in _list_contacts(model):
         gap = model.gap[at]
         if model.moving is not None:
             distance = list_components(model.moving)[:, at, 0]
@@ -194,7 +194,7 @@ def _far(
         nearest = at[np.argmin(gap)]
         if gap.min() > max(reach, _ROUNDING * size):
             yield (
-                f"{_named(model, group)} may never touch: its nearest node, at "
+                f"{_name_surface(model, group)} may never touch: its nearest node, at "
                 f"{place(model.points[nearest])}, stays {gap.min():g} away, "
                 + (
                     f"{100 * gap.min() / size:.2g} % of the size of the model"
@@ -228,7 +228,7 @@ def _units(model: Assembly) -> Iterator[str]:
         )
 
 
-def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
+def _find_overload(model: Assembly, load: Floats) -> Iterator[str]:
     """Loads that are large relative to the stiffness, as for a modulus in GPa, loads in MPa.
 
     Compares Young's modulus with the sum of |nodal force| of a load step over the largest
@@ -257,7 +257,7 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
             )
 
 
-def _determined(model: Assembly) -> Iterator[str]:
+def _find_determined_sets(model: Assembly) -> Iterator[str]:
     """Rigid sets with components that follow from prescribed displacements of their nodes."""
     if model.ties is None:
         return

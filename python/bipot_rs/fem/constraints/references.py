@@ -215,7 +215,7 @@ def make_references(
         relations += relation
         first += 2 * dim
     for cut in cuts:
-        bolt, section = _shortened(bodies, cut, first)
+        bolt, section = _make_shortening(bodies, cut, first)
         references.append(bolt)
         relations.append(section)
         first += dim
@@ -399,7 +399,7 @@ def _refuse_far(remote: Remote, extent: float, reach: float) -> None:
     )
 
 
-def _shortened(
+def _make_shortening(
     bodies: NumberedBodies, cut: Cut, first: int
 ) -> tuple[Reference, Relations]:
     """The shortening of a bolt, and the relations of its section."""

@@ -220,7 +220,7 @@ def merge_images(
     return [
         meeting
         if meeting.rows is not None
-        else _merged(meeting, contact, pairs, alike, nodes)
+        else _merge_meeting(meeting, contact, pairs, alike, nodes)
         for meeting, contact in zip(meetings, contacts, strict=True)
     ]
 
@@ -237,7 +237,7 @@ def _opposite(pairs: Images, cuts: Sequence[Images]) -> set[tuple[int, int]]:
     return opposite
 
 
-def _merged(
+def _merge_meeting(
     meeting: Meeting,
     contact: Contact,
     pairs: Images,

@@ -213,7 +213,7 @@ def make_ties(
     return Ties(
         within=T,
         dependent=np.flatnonzero(dependent).astype(np.int64),
-        given=slow.given_rows(n),
+        given=slow.list_given_rows(n),
         fixed=np.union1d(fixed, np.flatnonzero(dependent)),
         nodes=nodes,
     )
@@ -302,7 +302,7 @@ class _Elimination:
             np.concatenate([np.ones(len(same)), np.array(values, np.float64)]),
         )
 
-    def given_rows(self, n: int) -> CsrMatrix:
+    def list_given_rows(self, n: int) -> CsrMatrix:
         """Relations between prescribed degrees of freedom alone, ``(k, n)``."""
         rows = [k for k, row in enumerate(self._given) for _ in row]
         columns = [dof for row in self._given for dof in row]

@@ -58,7 +58,7 @@ def curvature(obstacle: Obstacle, points: Floats) -> Floats:
         arm = points - np.asarray(obstacle.centre, np.float64)
         radial = np.einsum("nij,nj->ni", across, arm)
         far = length(radial)[:, None]
-        slope = unit - obstacle.major_radius * _turning(radial, across)
+        slope = unit - obstacle.major_radius * _differentiate_direction(radial, across)
         return _round(
             arm - obstacle.major_radius * radial / far, slope, obstacle.inside
         )
@@ -68,7 +68,7 @@ def curvature(obstacle: Obstacle, points: Floats) -> Floats:
     )
 
 
-def _turning(arm: Floats, slope: Floats) -> Floats:
+def _differentiate_direction(arm: Floats, slope: Floats) -> Floats:
     """Derivative of ``arm / |arm|``, from that of ``arm``, ``(n, d, d)``."""
     far = length(arm)
     unit = arm / far[:, None]
@@ -78,7 +78,7 @@ def _turning(arm: Floats, slope: Floats) -> Floats:
 
 
 def _round(arm: Floats, slope: Floats, inside: bool) -> Floats:
-    return (-1.0 if inside else 1.0) * _turning(arm, slope)
+    return (-1.0 if inside else 1.0) * _differentiate_direction(arm, slope)
 
 
 def stress_of_motion(

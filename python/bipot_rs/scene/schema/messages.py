@@ -32,7 +32,7 @@ def suggestion(
     place
         Key path of the unknown key, its parts.
     standing
-        `standing` of the scene: other places that have a key of this name.
+        `list_key_paths` of the scene: other places that have a key of this name.
     """
     *above, wrong = place
     names = keys(root, above)
@@ -43,7 +43,7 @@ def suggestion(
     return f", expected one of {', '.join(names)}" if names else ""
 
 
-def standing(root: type[BaseModel], table: object) -> dict[str, list[str]]:
+def list_key_paths(root: type[BaseModel], table: object) -> dict[str, list[str]]:
     """Key paths of a scene by their last key, for all keys that are known."""
     paths: dict[str, list[str]] = {}
     for key, path in _paths([root], table):
@@ -158,7 +158,7 @@ def describe_error(
     Parameters
     ----------
     known
-        As `suggestions.standing` returns it.
+        As `list_key_paths` returns it.
     table
         The tables of the scene.
     values

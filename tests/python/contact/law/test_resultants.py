@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bipot_rs.cli.progress import Progress
-from bipot_rs.cli.run.report import closing, format_steps
+from bipot_rs.cli.run.report import format_steps, list_closing
 from bipot_rs.contact.law.resultants import list_resultants
 from support.pressed_in_space import pressed
 
@@ -202,7 +202,7 @@ def test_many_surfaces_have_a_row_each_below_the_table() -> None:
 
 def test_the_sentence_at_the_end() -> None:
     rows = path(2)
-    told = closing(rows, 1e-12, "out/a")
+    told = list_closing(rows, 1e-12, "out/a")
     assert told[0] == (
         "solved: 2 load steps, every residual at most 1.0e-15 (asked for 1.0e-12). "
         "At the end 20 of 21 contacts slip, 1 are open."
@@ -211,10 +211,10 @@ def test_the_sentence_at_the_end() -> None:
     assert not any("remark" in line for line in told)
     for row in rows:
         row["friction_used of block.side0"] = 0.9
-    assert "no friction is left" in closing(rows, 1e-12, "out/a")[1]
+    assert "no friction is left" in list_closing(rows, 1e-12, "out/a")[1]
     for row in rows:
         row.update(open=21, slip=0)
-    told = closing(rows, 1e-12, "out/a")
+    told = list_closing(rows, 1e-12, "out/a")
     assert told[0].endswith("At the end all 21 contacts are open.")
     assert "no contact closes" in told[1]
 
