@@ -19,6 +19,7 @@ from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
 from bipot_rs.contact.path.contacts import ContactSet
+from bipot_rs.contact.path.direct import Direct, DirectRecovery
 from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
 from bipot_rs.contact.path.mesh_stiffness import MeshStiffness, whole_parts
 from bipot_rs.contact.path.springs import (
@@ -28,7 +29,7 @@ from bipot_rs.contact.path.springs import (
     turn_tangents,
 )
 from bipot_rs.contact.results.error_bound import ErrorBound, make_unavailable
-from bipot_rs.contact.results.solution import Recovery, Solution, Step, make_newton_step
+from bipot_rs.contact.results.solution import Solution, Step, make_newton_step
 
 
 @dataclass
@@ -58,7 +59,7 @@ class Iterative:
     """
 
     core: _core.Primal
-    direct: Callable[[], Engine]
+    direct: Callable[[], Direct]
     springs: Springs
     law: ContactLaw | None = None
     record: IterationRecord = field(default_factory=IterationRecord)
@@ -129,7 +130,7 @@ class Iterative:
         """What answers questions about a step."""
         return UncondensedStep(data)
 
-    def replacement(self, why: str = "", /) -> Engine:
+    def replacement(self, why: str = "", /) -> Direct:
         """The direct engine with the same law and frames, and why it takes over."""
         made = self.direct()
         self.record.replaced = why or self.record.replaced
@@ -143,7 +144,7 @@ def make_iterative(
     fixed: Ints,
     coordinates: Floats | None,
     num_threads: int | None,
-    direct: Callable[[], Engine],
+    direct: Callable[[], Direct],
     *,
     hoops: bool = False,
 ) -> Iterative:
@@ -317,7 +318,7 @@ class IterativeRecovery:
         """Compute the displacements of steps that have none, by the direct engine."""
         return self._make_direct_recovery().recover(steps)
 
-    def _make_direct_recovery(self) -> Recovery:
+    def _make_direct_recovery(self) -> DirectRecovery:
         direct = self.engine.replacement()
         return direct.recovery(self.seconds, self.contacts)
 

@@ -154,8 +154,9 @@ def _without_friction(model: Assembly, prescribed: ArrayLike | None) -> Iterator
         if lost:
             yield (
                 f"{lost} of the {count_noun(at.size, 'node')} of "
-                f"{_name_surface(model, group)} have no friction, mu = 0: supports prescribe their tangential displacement; "
-                "remove these components of the support if friction should act"
+                f"{_name_surface(model, group)} have no friction, mu = 0: supports "
+                "prescribe their tangential displacement; remove these components of the "
+                "support if friction should act"
             )
 
 
