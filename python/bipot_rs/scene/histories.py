@@ -98,7 +98,7 @@ class Histories:
         turn = rigid.turn
         about = turn.about if turn is not None and turn.about else rigid.centre
         axis = None if turn is None else turn.axis
-        moved = {} if rigid.move is None else rigid.move.components()
+        moved = rigid.given().get("move", {})
         # The file of a surface may not have been read: z or an axis means three dimensions.
         in_space = 2 in moved or axis is not None
         dim = len(about) if about else 3 if in_space else 2

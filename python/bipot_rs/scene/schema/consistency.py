@@ -17,7 +17,7 @@ from bipot_rs._lib.messages import count_noun, instead
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
-from bipot_rs.scene.schema.contact import Bar, CyclicTable, Ring, Touch, Turn
+from bipot_rs.scene.schema.contact import Bar, CyclicTable, Driven, Ring, Touch, Turn
 from bipot_rs.scene.schema.mesh import BodyTable, Within
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import AXES, LARGEST, NAME, Components
@@ -41,14 +41,9 @@ class Known:
 def inconsistencies(
     scene: Scene, known: Mapping[str, Known] | None = None
 ) -> list[Mistake]:
-    """Names, dimensions, grids and sizes that contradict each other.
+    """Names, dimensions, grids and sizes that contradict each other; no number is `out_of_range`.
 
-    Parameters
-    ----------
-    scene
-        A scene in which no number is `out_of_range`.
-    known
-        What the mesh of each body contains; by default what the tables say.
+    ``known``: what the mesh of each body contains; by default what the tables say.
     """
     if known is None:
         known = {name: _of_table(block) for name, block in scene.body.items()}
@@ -416,15 +411,13 @@ def _obstacles(scene: Scene) -> Iterator[Mistake]:
                 "should be less than major_radius",
             ),
         )
-        moved, loaded = (v.components() if v else {} for v in (rigid.move, rigid.force))
-        yield from _twice(place, "move", "force", moved.keys() & loaded.keys())
+        yield from _twice(place, rigid, "move", "force")
 
 
-def _twice(
-    place: str, held: str, loaded: str, axes: Iterable[int]
-) -> Iterator[Mistake]:
+def _twice(place: str, table: Driven, held: str, loaded: str) -> Iterator[Mistake]:
     """Components that are both prescribed and loaded."""
-    for k in axes:
+    given = table.given()
+    for k in given.get(held, {}).keys() & given.get(loaded, {}).keys():
         yield Mistake(
             f"{place}.{loaded}.{AXES[k]}",
             f"remove it or {place}.{held}.{AXES[k]}: a component is either prescribed or "
@@ -448,10 +441,9 @@ def _remotes(scene: Scene) -> Iterator[Mistake]:
             "remove it, or distributed: a part that may deform has no prescribed motion"
         )
         for held, load in (("move", "force"), ("turn", "moment")):
-            both = settings.get(held, {}).keys() & settings.get(load, {}).keys()
             wrong = remote.distributed and held in settings
             yield from _refuse((wrong, f"{place}.{held}", deforms))
-            yield from _twice(place, held, load, both)
+            yield from _twice(place, remote, held, load)
 
 
 def _bolts(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:

@@ -86,7 +86,29 @@ class Turn(Table):
     axis: Vector | None = None
 
 
-class Rigid(Table):
+class Driven(Table):
+    """Base of what is moved, or loaded, by components along the axes."""
+
+    def given(self) -> dict[str, dict[int, Varying]]:
+        """Components by axis, of each key that is given."""
+        keys = ("move", "turn", "force", "moment")
+        tables = {key: getattr(self, key, None) for key in keys}
+        return {
+            key: table.components()
+            for key, table in tables.items()
+            if isinstance(table, Components)
+        }
+
+    def varying(self) -> dict[str, Varying]:
+        """Numbers that may have an amplitude, by the end of their key path."""
+        return {
+            f"{key}.{AXES[k]}": number
+            for key, numbers in self.given().items()
+            for k, number in numbers.items()
+        }
+
+
+class Rigid(Driven):
     """A rigid obstacle: a plane, a sphere, a cylinder, a torus, or a surface from a file.
 
     With ``inside`` the bodies lie inside a sphere, a bore or the tube of a torus, or on
@@ -121,16 +143,9 @@ class Rigid(Table):
         return None if round_one is None else round_one.centre
 
     def varying(self) -> dict[str, Varying]:
-        """Numbers that may have an amplitude, by the end of their key path."""
-        varying: dict[str, Varying] = {}
-        for key, vector in (("move", self.move), ("force", self.force)):
-            if vector is not None:
-                varying |= {
-                    f"{key}.{AXES[k]}": v for k, v in vector.components().items()
-                }
-        if self.turn is not None:
-            varying["turn.angle"] = self.turn.angle
-        return varying
+        """As of its base, with the angle of its turn."""
+        turn = {} if self.turn is None else {"turn.angle": self.turn.angle}
+        return super().varying() | turn
 
 
 class Touch(Table):
@@ -168,7 +183,7 @@ class Touch(Table):
         return self.against if self.against and "." in self.against else None
 
 
-class RemoteTable(Table):
+class RemoteTable(Driven):
     """A part of a body that follows a point, or that a force at this point acts on.
 
     ``on`` is a surface, a volume or a whole body, of which ``within`` selects nodes. The
@@ -187,20 +202,6 @@ class RemoteTable(Table):
     force: Components | None = None
     moment: Components | None = None
     distributed: bool = False
-
-    def given(self) -> dict[str, dict[int, Varying]]:
-        """Components by axis, of each key that is given."""
-        keys = ("move", "turn", "force", "moment")
-        tables = {key: getattr(self, key) for key in keys}
-        return {k: t.components() for k, t in tables.items() if t is not None}
-
-    def varying(self) -> dict[str, Varying]:
-        """Numbers that may have an amplitude, by the end of their key path."""
-        return {
-            f"{key}.{AXES[k]}": number
-            for key, numbers in self.given().items()
-            for k, number in numbers.items()
-        }
 
 
 class Tightening(Varying):

@@ -83,12 +83,7 @@ def _names(text: object) -> list[str]:
 class Formulas:
     """Replaces the formulas of a table, which pydantic found where numbers should be.
 
-    Attributes
-    ----------
-    values
-        Values of the names.
-    unused
-        Key paths of the names that no formula has used.
+    ``values`` of the names, and key paths of those that are ``unused``.
     """
 
     def __init__(self, table: Record) -> None:

@@ -247,13 +247,7 @@ class Elastic(Table):
         thickness: float = 1.0,
         axisymmetric: bool = False,
     ) -> materials.Elastic:
-        """Make the material.
-
-        Raises
-        ------
-        ValueError
-            Numbers that are not those of one kind of material, or out of range.
-        """
+        """Make the material; `ValueError`: its numbers fit no kind of material."""
         young, poisson = self.young, self.poisson
         plane = plane_stress, thickness, axisymmetric
         if isinstance(young, list) and isinstance(poisson, list) and self.shear:

@@ -23,16 +23,9 @@ _DEEPEST = 16
 def suggestion(
     root: type[BaseModel], place: Sequence[str], standing: Mapping[str, Sequence[str]]
 ) -> str:
-    """End of a message about an unknown key: similar keys, else all known ones.
+    """End of a message about the unknown key ``place``: similar keys, else all known ones.
 
-    Parameters
-    ----------
-    root
-        Table of the whole scene.
-    place
-        Key path of the unknown key, its parts.
-    standing
-        `list_key_paths` of the scene: other places that have a key of this name.
+    ``standing`` has other places of the scene with a key of this name.
     """
     *above, wrong = place
     names = keys(root, above)
@@ -153,16 +146,9 @@ def describe_error(
     table: object,
     values: Mapping[str, float],
 ) -> Mistake:
-    """The mistake of one entry of ``ValidationError.errors()``.
+    """The mistake of one entry of ``ValidationError.errors()`` of the scene ``table``.
 
-    Parameters
-    ----------
-    known
-        As `list_key_paths` returns it.
-    table
-        The tables of the scene.
-    values
-        Values of the names in formulas.
+    ``known`` is its `list_key_paths`, ``values`` those of the names in formulas.
     """
     kind, words = MESSAGES.get(error["type"], (MistakeKind.RANGE, "is not valid"))
     message = words.format(**error.get("ctx", {}))
