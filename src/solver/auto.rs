@@ -5,6 +5,7 @@
 //! |---|---|---|---|
 //! | sweeps | all | after 5 or one that changes no status, 20, 40, … 1280 sweeps, or the cost of two Newton steps | the point |
 //! | Newton | all | 40 steps, or no decrease in a step | the point, if better |
+//! | no reactions | –, 2, 2 if nothing loads floating bodies | | the motion that opens all contacts |
 //! | start from zero | –, 2, 2 if floating | | the point zero, once |
 //! | all statuses | 3, 3, – | more than 6 contacts, or not plane | the answer, or the proof that there is none |
 //! | proximal points | from 2, from 3, from 1 | 60 outer steps | the point, if much better |
@@ -22,6 +23,7 @@
 //!
 //! Decisions count work in products with `W`, not time, so that runs repeat bit for bit.
 
+use crate::reduced::best_motion::best_motion;
 use crate::reduced::reduced::Reduced;
 use crate::solver::associated;
 use crate::solver::at_rest;
@@ -111,9 +113,10 @@ impl<'p, const D: usize> Chain<'p, D> {
     /// | 2 | 16 / 30 | 31 / 122 | 0 |
     /// | 3 | 16 / 30 | 31 / 84 | 2 |
     /// | never | 16 / 30 | 31 / 46 | 30 |
-    const STAGES: [(Stage<'p, D>, [Turn; 3]); 7] = [
+    const STAGES: [(Stage<'p, D>, [Turn; 3]); 8] = [
         (Self::sweep, [From(1), From(1), From(1)]),
         (Self::make_newton_steps, [From(1), From(1), From(1)]),
+        (Self::open_all, [Never, Once(2), Once(2)]),
         (Self::start_from_zero, [Never, Once(2), Once(2)]),
         (Self::try_statuses, [Once(3), Once(3), Never]),
         (Self::move_proximal_points, [From(2), From(3), From(1)]),
@@ -190,6 +193,18 @@ impl<'p, const D: usize> Chain<'p, D> {
             self.take_if_better(better);
         }
         Ok(())
+    }
+
+    /// Nothing presses floating bodies without loads: reactions of zero are a solution with any
+    /// motion that leaves no penetration. An iteration would have to find the border of where
+    /// these motions begin, at which pressures vanish.
+    fn open_all(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        if self.problem.rigid.load.iter().any(|&e| e != 0.0) {
+            return Ok(());
+        }
+        let nothing = vec![[0.0; D]; self.problem.contacts()];
+        let motion = best_motion(self.problem, &nothing);
+        monitor.look_at(&nothing, &motion, true)
     }
 
     /// The bilateral start of floating bodies may be near a minimum of the merit that is no

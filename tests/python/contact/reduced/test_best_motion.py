@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 import bipot_rs as bp
 
@@ -115,3 +116,29 @@ def test_a_reaction_of_zero_that_contacts_can_leave() -> None:
         W = random_compliance(rng, n, d)
         problem = bp.ReducedProblem(W, q, 0.3, rigid=(R, np.zeros(R.shape[1])))
         assert problem.residual(np.zeros((n, d))) == 0
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_bodies_without_loads_are_moved_until_all_contacts_open(d: int) -> None:
+    """Nothing presses them, so that ``r = 0`` is an answer wherever some motion leaves no
+    penetration. An iteration stalls in one of twenty of these problems."""
+    solved = 0
+    for seed in range(100):
+        rng = np.random.default_rng([d, seed])
+        n = int(rng.integers(1, 6))
+        R = rng.normal(size=(d * n, int(rng.integers(1, min(d * n, 3 * d - 3) + 1))))
+        free = np.eye(d * n) - R @ np.linalg.pinv(R)
+        root = free @ rng.normal(size=(d * n, d * n))
+        q, mu = rng.normal(size=(n, d)), rng.choice([0.0, 0.1, 0.5, 2.0], n)
+        none = np.zeros(R.shape[1])
+        if linprog(none, A_ub=-R[::d], b_ub=q[:, 0], bounds=(None, None)).status != 0:
+            continue
+        answer = bp.ReducedProblem(root @ root.T, q, mu, rigid=(R, none)).solve()
+        assert answer.converged, (seed, answer.message)
+        v = (R @ answer.rigid_motion).reshape(n, d) + q
+        v += (root @ (root.T @ answer.reaction.ravel())).reshape(n, d)
+        # Rounding of the motion, whose amounts are some hundred at most.
+        assert v[:, 0].min() > -1e-10
+        assert abs(np.vdot(answer.reaction[:, 0], v[:, 0])) < 1e-9
+        solved += 1
+    assert solved > 60
