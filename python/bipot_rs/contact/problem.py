@@ -31,7 +31,7 @@ from bipot_rs.contact.path.load_path import (
     reduce_step,
     show_progress,
 )
-from bipot_rs.contact.path.load_steps import Held, Loading, last_step
+from bipot_rs.contact.path.load_steps import Loading, last_step
 from bipot_rs.contact.path.mesh_stiffness import MeshStiffness
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.path.prepared import PreparedStiffness, StiffnessOptions
@@ -40,7 +40,7 @@ from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.sensitivity.model import PathModel
+from bipot_rs.contact.sensitivity.model import Held, PathModel
 from bipot_rs.contact.sensitivity.path import Differentiable
 
 if TYPE_CHECKING:

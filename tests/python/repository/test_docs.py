@@ -247,7 +247,7 @@ def test_every_public_name_is_in_the_reference() -> None:
 # Those of the last row must have examples.
 EXAMPLES = (
     *("_lib.machine", "contact.errors", "contact.global_problem", "contact.reduced"),
-    *("contact.proof.enumeration", "contact.proof.existence", "fclib", "plots.style"),
+    *("contact.proof.existence", "fclib", "plots.style"),
     *("contact.results.error_bound", "contact.results.result", "obstacle.motion"),
     *("contact.results.solution", "contact.results.state"),
     *("contact.law.contact_law", "contact.one_call", "contact.problem"),

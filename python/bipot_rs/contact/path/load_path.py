@@ -36,7 +36,6 @@ from bipot_rs.contact.path.engine import (
 )
 from bipot_rs.contact.path.load_steps import (
     Gap,
-    Held,
     Loading,
     Loads,
     Totals,
@@ -61,6 +60,7 @@ from bipot_rs.contact.results.solution import (
     make_step,
     revise,
 )
+from bipot_rs.contact.sensitivity.model import Held
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start

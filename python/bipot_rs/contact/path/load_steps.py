@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import count_noun, make_type_error
-from bipot_rs._lib.types import CsrMatrix, Floats, Ints, MatrixLike
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, rows_of_steps, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
@@ -20,7 +20,7 @@ from bipot_rs.contact.results.latches import Latches
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.state import State
-from bipot_rs.contact.sensitivity.model import ChangeOfVariables
+from bipot_rs.contact.sensitivity.model import Held
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start
@@ -30,16 +30,6 @@ Loads = tuple[Floats, Floats]
 # Total load, prescribed displacements, and gaps or None for those of the problem.
 Gap = Floats | MovingGaps
 Totals = tuple[Floats, Floats, Gap | None]
-
-
-class Held(ChangeOfVariables, Protocol):
-    """Relations of inclined supports, rigid sets, cyclic symmetries and bolts."""
-
-    def stiffness(self, K: CsrMatrix) -> MatrixLike:
-        """K with these supports."""
-
-    def unknowns(self, u: Floats) -> Floats:
-        """The solution of (1), from the displacements of all degrees of freedom."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,17 @@ from bipot_rs.contact.results.derivatives import DataChange
 from bipot_rs.contact.results.latches import Latches
 
 
-class ChangeOfVariables(Protocol):
-    """Relations between displacements, which K and B contain, as their solution."""
+class Held(Protocol):
+    """Relations of inclined supports, rigid sets, cyclic symmetries and bolts.
+
+    K and B contain them, as their solution.
+    """
+
+    def stiffness(self, K: CsrMatrix) -> MatrixLike:
+        """K with these relations."""
+
+    def unknowns(self, u: Floats) -> Floats:
+        """The solution of (1), from the displacements of all degrees of freedom."""
 
     def load(self, force: Floats) -> Floats:
         """Forces on the unknowns: those on dependent displacements are passed on."""
@@ -39,7 +48,7 @@ class PathModel:
     gap_shape: tuple[int, ...]  # shape of `gap` of the problem
     # Whether the gaps of each step were given by component; None if there are none.
     gaps_by_component: bool | None = None
-    held: ChangeOfVariables | None = None
+    held: Held | None = None
     latches: Latches | None = None  # bolts
 
     @property
