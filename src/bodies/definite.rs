@@ -9,7 +9,8 @@ use crate::linalg::sparse::rows::OwnedMatrix;
 /// rounding of the interior may exceed it.
 const SAFE: f64 = 1e-9;
 
-/// The same for pivots of the interior, whose inverse is not available: elimination of a
+/// Share of the diagonal of `K` above which a pivot of the interior, whose inverse is not
+/// available, leaves no doubt: elimination of a
 /// singular matrix without a smaller pivot would have increased its entries as much.
 const SAFE_INSIDE: f64 = 1e-6;
 

@@ -34,7 +34,7 @@ fitted! {
     /// the elastic modes of a mechanism are far above its free motions.
     mechanism_gap: f64 = 1e3;
 
-    /// The same for motions of which only the stiffness is known. The second bending mode of a
+    /// `mechanism_gap` for motions of which only the stiffness is known. The second bending mode of a
     /// cantilever has 39 times the energy of the first, which counts as zero below a fifth of
     /// rounding.
     clear_gap: f64 = 20.0;

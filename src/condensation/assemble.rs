@@ -235,7 +235,7 @@ fn by_inverse(body: &mut Body, share: &Share, at: &[usize], m: usize) -> Vec<f64
     matrix
 }
 
-/// The same from half solves, also for rows beyond the kept unknowns:
+/// The share of a body in `W` from half solves, also for rows beyond the kept unknowns:
 /// `B K⁻¹ Bᵀ = (L⁻¹Bᵀ)ᵀ(L⁻¹Bᵀ)`.
 fn by_half_solves(body: &Body, share: &Share, at: &[usize], m: usize) -> Vec<f64> {
     let (rows, kept) = (share.rows.len(), body.kept());

@@ -26,8 +26,8 @@ const GROUP: usize = 4;
 /// u leaves half an ε, a stalled solve a few.
 const BALANCED: f64 = 32.0;
 
-/// The same for all rows together, relative to the forces: above it no digit of `K u` is
-/// correct, for any rounding of its terms. Forces count as at least the rounding of what cancels
+/// `‖f + Bᵀ r − K u‖` over the forces: above this no digit of `K u` is correct, for any rounding
+/// of its terms. Forces count as at least the rounding of what cancels
 /// in them: reactions may carry the loads of their own nodes, and nothing else is left.
 const NO_DIGITS: f64 = 0.1;
 const CANCELLED: f64 = BALANCED * f64::EPSILON / NO_DIGITS;
@@ -384,7 +384,7 @@ impl Body {
         Ok(Recovered { u, low, left })
     }
 
-    /// The same without refinement, if K does not amplify the rounding of its factor.
+    /// Displacements without refinement, for a K that does not amplify the rounding of its factor.
     pub fn changes(
         &self,
         forces: &[&[f64]],

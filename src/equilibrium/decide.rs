@@ -50,7 +50,7 @@ pub struct Decision {
     /// The largest distance from the borders of the cones that all reactions can have, at most
     /// the mean load; negative if some have to be outside. A force.
     pub margin: f64,
-    /// The same relative to the mean load.
+    /// `margin` over the mean load.
     pub relative_margin: f64,
     /// Length of the reactions that the motion excludes, relative to the loads; infinite for a
     /// proof without a bound.

@@ -12,7 +12,7 @@ use crate::linalg::small::{TURNED, norm};
 const MOST_COHESION: f64 = 1e6;
 
 struct Cone {
-    /// Its unknowns, the first of them and their number: one without friction.
+    /// The first unknown of the cone, and the number of its unknowns: one without friction.
     first: usize,
     count: usize,
     /// `(1, μ)/√(1 + μ²)`, so that margins are distances.

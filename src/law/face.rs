@@ -154,8 +154,9 @@ impl<const D: usize> Face<D> {
             }
         }
     }
-    /// The same for a contact that slides in a known direction: its reaction lies on the ray of
-    /// this face, so that `V·r = p v_n r_n`.
+
+    /// The [`Self::misfit`] of a contact that slides in a known direction: its reaction lies on the
+    /// ray of this face, so that `V·r = p v_n r_n`.
     pub fn misfit_along(&self, v: f64, dv: f64, p: f64) -> (f64, f64) {
         if self.place == Place::Apex && v > dv {
             return (0.0, 0.0);
@@ -168,7 +169,7 @@ impl<const D: usize> Face<D> {
         }
     }
 
-    /// The same if `v = 0` is known: `V = (p v_n, v_t)` and `y = 0`.
+    /// The [`Self::misfit`] of a contact of which `v = 0` is known: `V = (p v_n, v_t)` and `y = 0`.
     pub fn misfit_held(v: &[f64; D], dv: &[f64; D], p: f64) -> ([f64; D], [f64; D]) {
         let mut e = v.map(|c| -c);
         let mut error = *dv;

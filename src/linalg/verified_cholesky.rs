@@ -29,7 +29,7 @@ pub struct Lower {
     lowered: f64,
 }
 
-/// The same with the inverse of `L`, for bounds of solves with it.
+/// `L` with `L Lᵀ ≼ A`, and its inverse for bounds of solves with it.
 #[derive(Clone, Debug)]
 pub struct VerifiedCholesky {
     lower: Lower,
@@ -177,8 +177,8 @@ impl VerifiedCholesky {
         columns.map(|column| room * norm(column)).collect()
     }
 
-    /// The same along the `rows` of a matrix, rows of length n, each with an error of at most
-    /// `errors` in norm.
+    /// `‖L⁻¹ a‖` for each row `a` of a matrix, rounded up; `rows` have the length n and errors of
+    /// at most `errors` in norm.
     pub fn widths_along(&self, rows: &[f64], errors: &[f64]) -> Vec<f64> {
         let room = (1.0 + gamma(self.order())) * (1.0 + self.kappa());
         let mut solved = rows.to_vec();

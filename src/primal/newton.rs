@@ -20,7 +20,8 @@ use crate::solver::newton::linearisation::Linearisation;
 use crate::solver::newton::search::search;
 use crate::solver::{Outcome, Settings};
 
-/// The same where one step is the solution: little above rounding.
+/// Relative residual of a linear system whose solution is the answer, as no status changes: little
+/// above rounding.
 const EXACT: f64 = 1e-12;
 
 /// Largest change of the displacements by one more correction, relative to the largest of them,

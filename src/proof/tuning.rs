@@ -63,5 +63,5 @@ pub(crate) const RADII: [f64; 5] = [3.0, 12.0, 50.0, 200.0, 1000.0];
 /// makes each bound larger by its square root.
 pub(crate) const MARGINS: [f64; 5] = [1.02, 1.1, 1.3, 2.0, 8.0];
 
-/// The same where a contraction is lost above 1.5.
+/// [`MARGINS`] where a contraction is lost above 1.5.
 pub(crate) const CONTRACTION_MARGINS: [f64; 3] = [1.02, 1.1, 1.5];

@@ -29,8 +29,8 @@ pub(super) fn of_reduced<const D: usize>(
     forward_error(problem, &point, &[], stop)
 }
 
-/// The same for a step of a load path, with `K` itself, from the total loads and the state
-/// after the step before.
+/// Relative forward errors of a step of a load path, with `K` itself, from the total loads and the
+/// state after the step before.
 pub(super) fn of_step<const D: usize>(
     problem: &CondensedArrays<D>,
     py: Python<'_>,

@@ -27,7 +27,7 @@ type Statuses<'py> = PyReadonlyArray1<'py, i8>;
 /// Reaction, total relative displacement, status and rigid motion of a step.
 type StartArrays<'py> = (Matrix<'py>, Matrix<'py>, Statuses<'py>, Vector<'py>);
 
-/// The same without rigid motions, of a path in the displacements.
+/// Reaction, total relative displacement and status of a step, of a path in the displacements.
 pub(super) type ContactArrays<'py> = (Matrix<'py>, Matrix<'py>, Statuses<'py>);
 
 /// Contacts of a working set, rigid motions of the bodies condensed onto all contacts, and
@@ -207,7 +207,7 @@ impl PyPath {
 /// those of the problem.
 type StepArrays<'py> = (Vector<'py>, Vector<'py>, Option<Matrix<'py>>);
 
-/// The same as vectors; gaps row by row.
+/// `StepArrays` as vectors; gaps row by row.
 type OwnStep = (Vec<f64>, Vec<f64>, Option<Vec<f64>>);
 
 fn own<const D: usize>(_: &Progress<D>, steps: &[StepArrays<'_>]) -> PyResult<Vec<OwnStep>> {

@@ -140,7 +140,7 @@ impl<const D: usize> ReducedArrays<D> {
         })
     }
 
-    /// The same with `W` alone, without the change of variables.
+    /// Calls `work` with the compliance `W` alone, without the change of variables.
     pub(super) fn with_compliance<T: Send>(
         &self,
         py: Python<'_>,

@@ -57,7 +57,7 @@ pub struct Certificate<const D: usize> {
     pub sound: bool,
     /// `‖F‖` over the displacement that the reactions must cancel.
     left: f64,
-    /// The same of `min(r_n, v_n − β‖v_t‖)`.
+    /// `‖min(r_n, v_n − β‖v_t‖)‖` over the normal displacement that the reactions must cancel.
     left_of_normals: f64,
     /// `‖(v_n − β‖v_t‖)₋‖` over `max(‖r_n‖, ‖(q_n + (R a)_n)₋‖)`, less rounding.
     penetration: f64,
@@ -206,8 +206,8 @@ pub(super) fn law_norm<const D: usize>(
     shortened_law_norm(problem, r, v, f64::INFINITY, |_, _| ())
 }
 
-/// The same with each reaction longer than `most` shortened to it; calls `report` with the status of
-/// each contact.
+/// `‖F(r)‖` with each reaction longer than `most` shortened to it; calls `report` with the status
+/// of each contact.
 fn shortened_law_norm<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],

@@ -14,11 +14,11 @@ const ROUNDING: f64 = 4.0 * f64::EPSILON;
 pub(super) struct Rounding {
     /// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖`, as far as it changes `F`; not the rounding of `r̂`.
     pub(super) felt: f64,
-    /// The same of normals in their own scale.
+    /// `felt` of normals in their own scale.
     pub(super) pressed: f64,
-    /// The same, whether they change `F` or not.
+    /// `pressed`, whether the normals change `F` or not.
     pub(super) normal: f64,
-    /// The same, including the rounding of motions and reactions.
+    /// `normal`, including the rounding of motions and reactions.
     pub(super) plain: f64,
     /// The total with friction: if `r ≠ 0`, `ṽ_n` includes μ times the rounding of `v_t`.
     pub(super) bound: f64,

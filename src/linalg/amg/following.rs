@@ -35,7 +35,7 @@ pub struct Following {
     springs: Vec<f64>,
     /// What a change of each level needs. Of the finest matrix this has some rows only.
     kept: Vec<Kept>,
-    /// The matrix of the coarsest level: of few unknowns, which it has all, the finest.
+    /// The whole matrix of the coarsest level, which for few unknowns is the finest.
     last: BlockMatrix,
     /// The nodes whose motions a change reads.
     read: Vec<bool>,

@@ -17,7 +17,7 @@ fitted! {
     /// Consecutive unknowns belong to one node, up to [`node_size`] of them, if this share of all their
     /// neighbours are neighbours of both. Nodes of one element share half of their neighbours.
     common_share: f64 = 0.75;
-    /// The same share for single unknowns, if directions are coupled: 0.46 on a grid of bricks
+    /// `common_share` for single unknowns, if directions are coupled: 0.46 on a grid of bricks
     /// whose directions are coupled only between nodes off the axes.
     acting_share: f64 = 0.25;
     /// Largest number of degrees of freedom of a node, that of a shell.
@@ -50,7 +50,8 @@ fitted! {
     // tree.rs
     /// A front is merged with its parent if both have at most this many pivots together.
     few_pivots: usize = 4;
-    /// The same if less than this share of the entries of the merged front is zero.
+    /// A front with at most `some_pivots` is merged if less than the share `zeros_of_some` of the
+    /// entries of the merged front is zero; one with `many_pivots` as `zeros_of_many` says.
     /// Half, twice: −2.3 %, +2.8 %.
     some_pivots: usize = 16;
     /// Half, twice: −0.3 %, same.
@@ -59,7 +60,7 @@ fitted! {
     many_pivots: usize = 48;
     /// Half, twice: −1.8 %, +4.0 %.
     zeros_of_many: f64 = 0.1;
-    /// The same for any number of pivots.
+    /// A front of any number of pivots is merged below this share of zeros.
     /// Half, twice: −0.2 %, +7.1 %.
     zeros_of_all: f64 = 0.05;
 }

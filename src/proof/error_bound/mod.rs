@@ -42,7 +42,7 @@ pub enum Reason {
     Touching(usize),
     /// A tangent with friction that nothing moves.
     Led(usize),
-    /// Its unknowns.
+    /// An island with so many unknowns that no bound is tried.
     TooLarge(usize),
     /// The symmetric part of `W` is not positive definite beyond rounding.
     NotDefinite(usize),
@@ -101,7 +101,7 @@ pub struct Bound<const D: usize> {
     pub kind: BoundKind,
     /// `‖r − r*‖` in the norm of `W`.
     pub energy: f64,
-    /// The same over `‖r*‖`; infinite if `r* = 0` is not excluded.
+    /// `energy` over `‖r*‖`; infinite if `r* = 0` is not excluded.
     pub relative: f64,
     /// For a local bound, the radius of the ball around `r` without another solution, in this
     /// norm; infinite for a global bound.

@@ -78,7 +78,7 @@ struct InteriorPath<'s, 'p, const D: usize> {
     /// Length of the next step, and the number of last points near the path.
     reach: f64,
     near: usize,
-    /// `left` when it last halved, and the step.
+    /// `left` when it last halved, and the step in which it did.
     halved: f64,
     last_halved: usize,
 }

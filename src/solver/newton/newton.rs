@@ -119,7 +119,7 @@ impl<const D: usize> Near<D> {
         length(squares, largest).hypot(imbalance_norm(problem, r))
     }
 
-    /// Its law, linearised.
+    /// The law of this iteration, linearised at a point.
     fn linearised(&self, problem: &Reduced<D>, at: &EvaluatedPoint<D>) -> Linearisation<D> {
         let felt = self.felt(problem, at);
         if !self.frozen.is_empty() {

@@ -33,7 +33,7 @@ impl<const D: usize> RefinedPoint<D> {
 struct RefinementStep<const D: usize> {
     /// The point after the correction.
     to: EvaluatedPoint<D>,
-    /// Its relative size: `‖dr‖ / ‖r‖` and `‖dv‖ / ‖v‖`.
+    /// The relative size of the correction: `‖dr‖ / ‖r‖` and `‖dv‖ / ‖v‖`.
     moved: (f64, f64),
 }
 
@@ -71,8 +71,9 @@ fn without_cancellation<const D: usize>(
     share(change.as_flattened(), caused.as_flattened()).min(by_loads)
 }
 
-/// The same for changes `wanders` of `v` and of `ê`: how far each changes the reactions, and with
-/// these the relative displacements, to first order; the largest.
+/// The largest relative changes of `r` and of `v + before` by the changes `wanders` of `v` and of
+/// `ê`: how far each changes the reactions, and with these the relative displacements, to first
+/// order.
 pub fn forward_change<const D: usize>(
     problem: &Reduced<D>,
     point: &RefinedPoint<D>,

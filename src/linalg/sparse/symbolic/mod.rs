@@ -50,7 +50,7 @@ pub struct Counts {
     pub bytes_factor: usize,
     /// Largest memory during the factorisation on one thread, with the analysis.
     pub bytes_peak: usize,
-    /// The same if only S is kept, not the factor.
+    /// `bytes_peak` if only S is kept, not the factor.
     pub bytes_peak_dropped: usize,
     /// Upper bound of `bytes_peak` for any number of threads, in any order of tasks; it is
     /// rarely approached.

@@ -13,7 +13,7 @@ pub(super) struct Tasks {
     pub(super) roots: Vec<usize>,
     /// Largest stack of updates on one thread [f64].
     pub(super) peak: usize,
-    /// The same with the current panel besides it.
+    /// Largest stack of updates with the current panel besides it [f64].
     pub(super) peak_dropped: usize,
     /// The rest for S at the end.
     pub(super) end: usize,
