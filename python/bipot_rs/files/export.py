@@ -195,7 +195,7 @@ def _open(path: str | os.PathLike[str]) -> Iterator[tuple[File, Record]]:
     sealed = _has_seal(source)
     try:
         with h5py.File(source, "r") as file:
-            yield file, _attributes(file, sealed)
+            yield file, _read_attributes(file, sealed)
     except OSError as error:
         raise OSError(f"{path} cannot be read: {_sentence(error)}") from None
     except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
@@ -204,9 +204,9 @@ def _open(path: str | os.PathLike[str]) -> Iterator[tuple[File, Record]]:
         ) from None
 
 
-def _attributes(file: File, sealed: bool) -> Record:
+def _read_attributes(file: File, sealed: bool) -> Record:
     """Attributes of an open file, if it is a complete result of this version."""
-    attributes = {name: _plain(value) for name, value in file.attrs.items()}
+    attributes = {name: _convert_to_python(value) for name, value in file.attrs.items()}
     if attributes.pop("format", None) != FORMAT:
         raise ValueError(f"its format is not {FORMAT!r}")
     if attributes.get("version") != VERSION:
@@ -226,8 +226,12 @@ def _read_steps(file: File, attributes: Record, reader: _Reader) -> Saved:
     # By number: as text, step 10000 would come before step 9999.
     for name in sorted(file["steps"], key=int):
         group = file["steps"][name]
-        step = {k: _plain(data) for k, data in reader.read_arrays(group).items()}
-        step.update({key: _plain(value) for key, value in group.attrs.items()})
+        step = {
+            k: _convert_to_python(data) for k, data in reader.read_arrays(group).items()
+        }
+        step.update(
+            {key: _convert_to_python(value) for key, value in group.attrs.items()}
+        )
         steps.append(step)
     mesh = None
     if "mesh" in file:
@@ -350,7 +354,7 @@ def _sentence(error: Exception) -> str:
     return " ".join(str(message).split()) or type(error).__name__
 
 
-def _plain(value: object) -> object:
+def _convert_to_python(value: object) -> object:
     """Convert bytes and NumPy numbers to those of Python; leave arrays unchanged."""
     if isinstance(value, bytes):
         return value.decode()

@@ -78,8 +78,8 @@ def check_holding(
         number, forces, weak = _core.resisting_rows(own_rows, everywhere, wanted)
         if any(comm.allgather(weak)):
             raise NotIterativeError(
-                "the stiffness has few digits, or weak springs, and supports do not hold "
-                "a body"
+                "supports do not hold a body, and K has too few digits, or springs that are "
+                "too weak, to show how it can move"
             )
         _hold(comm, holding, (body[number], forces))
         loose &= ~_find_held(holding)

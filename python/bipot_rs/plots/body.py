@@ -112,7 +112,7 @@ def deformed(
         A wrong argument; the message names it. A step without its displacements.
     """
     source, result = model, model if result is None else result
-    model, case = _bodies(source, result)
+    model, case = _find_model(source, result)
     units = units_of(result, units)
     shown_step: Any = one_step(result, step)
     if not hasattr(shown_step, "displacement"):
@@ -130,7 +130,7 @@ def deformed(
             f"result has displacements of shape {u.shape}, the model ({model.n},)"
         )
     if at_rest is None and case is not None:
-        at_rest = _at_rest(case, result, shown_step, step)
+        at_rest = _find_initial_stress(case, result, shown_step, step)
     if at_rest is not None:
         cells = sum(len(corners) for _, corners in model.cells)
         at_rest = floats("at_rest", at_rest, shape=(cells, 3, 3))
@@ -174,7 +174,7 @@ def deformed(
     if longest:
         words.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
     lines = [", ".join([*words, *filter(None, [describe_step_of(result, step)])])]
-    if _draw_unscaled(model, scale):
+    if _are_gaps_visible(model, scale):
         lines.insert(
             0, "gaps between bodies × 1: bodies that touch may seem to overlap"
         )
@@ -206,7 +206,7 @@ def _box(box: ArrayLike | None, near: float | None, d: int) -> Floats | None:
     return limits
 
 
-def _draw_unscaled(model: Assembly, scale: float) -> bool:
+def _are_gaps_visible(model: Assembly, scale: float) -> bool:
     """Whether gaps between bodies, which are not enlarged, would be visible if they were."""
     pairs = [contact.against is not None for contact in model.contacts]
     gap = np.abs(model.gap[np.array(pairs, bool)[model.group]])
@@ -214,7 +214,7 @@ def _draw_unscaled(model: Assembly, scale: float) -> bool:
     return bool(abs(scale - 1) * gap.max(initial=0.0) > _VISIBLE * size)
 
 
-def _bodies(given: object, result: object) -> tuple[Assembly, Case | None]:
+def _find_model(given: object, result: object) -> tuple[Assembly, Case | None]:
     """The `fem.Assembly` of the argument ``model`` and, if there is one, its `Case`."""
     case_of_result = getattr(result, "case", None)
     if hasattr(type(given), "assemble") and case_of_result is not None:
@@ -226,7 +226,9 @@ def _bodies(given: object, result: object) -> tuple[Assembly, Case | None]:
     return require_model(given)
 
 
-def _at_rest(case: Case, result: object, shown: Step, step: int) -> Floats | None:
+def _find_initial_stress(
+    case: Case, result: object, shown: Step, step: int
+) -> Floats | None:
     """Stress of the initial strains of a case at a step."""
     if any(getattr(shown, name, None) is not None for name in ("s", "cycle")):
         return case.stress_at_rest(shown)

@@ -253,7 +253,7 @@ def _common(
         ranges, boxes = [], []
         for k in numbers:
             ax = picture(result, model, step=k, **(common | options))
-            ranges += _ranges(ax)
+            ranges += _find_ranges(ax)
             boxes.append(_corners(ax))
         low, high = np.array(ranges).T if ranges else (np.zeros(1), np.zeros(1))
         if low.min() < high.max():
@@ -264,7 +264,7 @@ def _common(
     return common
 
 
-def _ranges(ax: mpl.Axes) -> list[tuple[float, float]]:
+def _find_ranges(ax: mpl.Axes) -> list[tuple[float, float]]:
     """Ranges of the values in a picture: of its colours, else of its lines."""
     bars = [it for it in ax.collections if it.colorbar is not None]
     if bars:

@@ -252,7 +252,7 @@ def force_displacement(
     if displacement is None:
         v = path.relative_displacement[:, chosen, 1:]
         if frame is not None:
-            every = _of_steps(frame, path.reaction[:, chosen])
+            every = _repeat_frames(frame, path.reaction[:, chosen])
             v = np.einsum("sck,sckd->scd", v, every[:, :, 1:])
         delta = v.mean(axis=1) @ main
         name = name or "mean relative displacement"
@@ -359,7 +359,7 @@ def _normals(frame: Floats) -> Floats:
     return np.asarray(frame[..., 0, :].reshape(-1, frame.shape[-1]))
 
 
-def _of_steps(frame: Floats, reaction: Floats) -> Floats:
+def _repeat_frames(frame: Floats, reaction: Floats) -> Floats:
     """Frames of each step, ``(steps, n_c, d, d)``."""
     d = reaction.shape[-1]
     return np.broadcast_to(frame, (*reaction.shape[:-1], d, d))
@@ -378,7 +378,7 @@ def _sum_tangential(
     if frame is None:
         drag = reaction[..., 1:].sum(axis=1)
     else:
-        force = np.einsum("sck,sckd->sd", reaction, _of_steps(frame, reaction))
+        force = np.einsum("sck,sckd->sd", reaction, _repeat_frames(frame, reaction))
         normals = _normals(frame)
         # Opposite normals, as of a clamp, count as parallel.
         side = np.where(normals @ normals[0] < 0, -1.0, 1.0)
@@ -398,7 +398,7 @@ def _sum_tangential(
             # Of the last step, if frames change about one normal.
             tangents = np.eye(2)
             if frame is not None:
-                tangents = _of_steps(frame, reaction)[-1, :, 1:]
+                tangents = _repeat_frames(frame, reaction)[-1, :, 1:]
             mu = by_pressure(mu, np.broadcast_to(tangents @ main, mu.shape))
         limit = reaction[..., 0] @ mu
     return drag, limit, main

@@ -172,15 +172,15 @@ class Deck:
                     self._steps.pop()
             elif not _SILENT.fullmatch(word):
                 self._note(section, "is not taken")
-        self._split(sectioned)
+        self._split_bodies(sectioned)
 
     def _curve(self, name: str, step: _LoadStep) -> Floats:
         """Times in a step and factors of an amplitude; empty without one."""
         table, total = self._amplitudes.get(name, (np.zeros((0, 2)), False))
         return table - [total * step.start, 0.0]
 
-    def _split(self, sectioned: Sequence[Section]) -> None:
-        """Bodies: parts of the mesh that share no node, with their materials."""
+    def _split_bodies(self, sectioned: Sequence[Section]) -> None:
+        """Split the mesh into bodies, parts that share no node, each with its materials."""
         mesh = self._mesh
         pairs = [(np.repeat(n[:, 0], n.shape[1]), n.ravel()) for _, n in mesh.blocks]
         ends = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), np.int64)
@@ -210,7 +210,7 @@ class Deck:
         if not pieces:
             raise ValueError(f"{self.path} has no *SOLID SECTION with cells")
         for piece in pieces.values():
-            name = _word(next(iter(piece.materials)))
+            name = _make_name(next(iter(piece.materials)))
             while name in self._pieces:
                 name += "_"
             self._pieces[name] = piece
@@ -220,7 +220,7 @@ class Deck:
         for section in step.sections:
             for _, row in section.rows if section.word == "DLOAD" else ():
                 if re.fullmatch("P[1-6]", row[1].upper()):
-                    name = _word("_".join(row[:2])).upper()
+                    name = _make_name("_".join(row[:2])).upper()
                     text = f"*SURFACE, NAME={name}\n{row[0].upper()}, S{row[1][1]}"
                     self.sets += [] if text in self.sets else [text]
 
@@ -233,7 +233,7 @@ class Deck:
                 what = f"material {name!r} has no isotropic *ELASTIC"
                 raise ValueError(f"{self.path}: {what}")
             young, poisson = self._elastic[name]
-            m.material(_word(name), young=young, poisson=poisson)
+            m.material(_make_name(name), young=young, poisson=poisson)
         for name, piece in self._pieces.items():
             group = list(piece.materials)
             elements = read_mesh(mesh, group)
@@ -242,7 +242,9 @@ class Deck:
             for surface, facets in (elements.boundaries or {}).items():
                 nodes = np.unique(facet_nodes(elements, np.asarray(facets))).tolist()
                 piece.surfaces[surface.upper()] = surface, set(nodes)
-            materials = {part: _word(word) for part, word in piece.materials.items()}
+            materials = {
+                part: _make_name(word) for part, word in piece.materials.items()
+            }
             only = len(group) == 1
             parts = {"file": file, "group": group[0] if only else group}
             material = materials[group[0]] if only else materials
@@ -256,16 +258,19 @@ class Deck:
             m.path(steps=count, **factors)
         return m
 
-    def _rows(self, *words: str) -> Iterator[tuple[int, Section, int, list[str]]]:
+    def _list_rows(self, *words: str) -> Iterator[tuple[int, Section, int, list[str]]]:
         for k, step in enumerate(self._steps):
             for section in step.sections:
                 for line, row in section.rows if section.word in words else ():
                     yield k, section, line, row
 
-    def _places(
+    def _choose_nodes(
         self, section: Section, line: int, word: str, *, each: bool = False
     ) -> Iterator[tuple[OpenRecord, int]]:
-        """Keys that choose the nodes of a set, and their number; off surfaces ``each`` node."""
+        """Keys that choose the nodes of a set, with the number of nodes that they choose.
+
+        ``each``: whether nodes that are no whole surface are chosen one by one.
+        """
         mesh = self._mesh
         node = int(word) if word.isdecimal() else -1
         numbers = mesh.find_set(mesh.nodes_of, word) or [node]
@@ -318,7 +323,7 @@ class Deck:
 
     def _support(self, m: Model) -> None:
         supports: dict[str, tuple[OpenRecord, dict[int, _Changes]]] = {}
-        for k, section, line, row in self._rows("BOUNDARY"):
+        for k, section, line, row in self._list_rows("BOUNDARY"):
             texts = [part or row[1] for part in (*row, "")[1:3]]
             reals = section.reals(line, texts) if row[1].upper() not in _NAMED else []
             dofs = _NAMED.get(row[1].upper()) or [int(v) for v in reals]
@@ -330,7 +335,7 @@ class Deck:
                 self._note(section, "of rotations is not taken", line)
             if k and section.named("OP") == "NEW":
                 self._note(section, "has OP=NEW: supports stay until the end", line)
-            for keys, _ in self._places(section, line, row[0]):
+            for keys, _ in self._choose_nodes(section, line, row[0]):
                 for dof in range(dofs[0] - 1, min(dofs[1], 3)):
                     held = supports.setdefault(str(keys), (keys, {}))[1]
                     if k and dof not in held:
@@ -348,7 +353,7 @@ class Deck:
         """Pressures, tractions, gravity, and forces on nodes that make up a surface."""
         loads: dict[tuple[str, ...], _Changes] = {}
         first: dict[tuple[str, ...], tuple[Section, int]] = {}
-        for k, section, line, row in self._rows("DLOAD", "DSLOAD", "CLOAD"):
+        for k, section, line, row in self._list_rows("DLOAD", "DSLOAD", "CLOAD"):
             while not row[-1]:
                 row.pop()
             # The direction is part of what is loaded.
@@ -363,7 +368,7 @@ class Deck:
             (word, place, label, *rest), (section, line) = key, first[key]
             taken = False
             if word == "CLOAD" and label in ("1", "2", "3"):
-                for keys, count in self._places(section, line, place, each=True):
+                for keys, count in self._choose_nodes(section, line, place, each=True):
                     # A node may have the loads of several sets.
                     force = forces.setdefault(f"{place} {keys}", (keys, {}))[1]
                     number = self._number(word, changes)
@@ -373,7 +378,7 @@ class Deck:
                     taken = True
             direction = np.array(section.reals(line, rest))
             for on in self._on(
-                place if word == "DSLOAD" else _word(f"{place}_{label}")
+                place if word == "DSLOAD" else _make_name(f"{place}_{label}")
             ):
                 if re.fullmatch("P[1-6]?", label):
                     m.pressure(on, self._number(word, changes))
@@ -390,7 +395,7 @@ class Deck:
                 self._note(section, f"{label} on {place} is not taken", line)
         for k, (keys, force) in enumerate(forces.values(), 1):
             if "at" not in keys:
-                m.remote(_word(keys["on"]), **keys, distributed=True, force=force)
+                m.remote(_make_name(keys["on"]), **keys, distributed=True, force=force)
                 continue
             # A rigid set of one node that does not turn is this node.
             within = {a: [x, x] for a, x in zip(AXES, keys["at"], strict=False)}
@@ -422,7 +427,7 @@ class Deck:
                 for on, against in product(self._on(slave), self._on(master)):
                     if on.partition(".")[0] == against.partition(".")[0]:
                         continue
-                    name = _word(slave)
+                    name = _make_name(slave)
                     while name in names:
                         name += "_"
                     names.append(name)
@@ -444,7 +449,7 @@ def _scale(number: Any, factor: float) -> Any:
     return number * factor
 
 
-def _word(name: str) -> str:
-    """A name of a deck as one of a scene: letters, digits and ``_``, with a letter first."""
+def _make_name(name: str) -> str:
+    """Make a name of a scene from one of a deck: letters, digits and ``_``, with a letter first."""
     word = re.sub(r"\W", "_", name)
     return word if re.match(r"[^\W\d]", word) else f"n{word}"

@@ -185,7 +185,7 @@ def peak(case: Case) -> float:
     The interpreter and its libraries are not included.
     """
     forecast, _ = counts(case)
-    return _entries(case.model.bodies) + core_bytes(forecast, case.model)
+    return _measure_entries(case.model.bodies) + core_bytes(forecast, case.model)
 
 
 def core_bytes(counts: Record, model: Assembly) -> float:
@@ -216,7 +216,7 @@ def fits(
     ``meshed``: its bodies, if they are meshed.
     ``share``: the part of the assembly that this machine does.
     """
-    needed = share * (assembly(scene) if meshed is None else _entries(meshed))
+    needed = share * (assembly(scene) if meshed is None else _measure_entries(meshed))
     free = available()
     if free is None or needed <= free:
         return
@@ -250,8 +250,8 @@ def assembly(scene: Scene) -> float:
     return total
 
 
-def _entries(meshed: Sequence[Body]) -> float:
-    """Likewise, for bodies that are meshed."""
+def _measure_entries(meshed: Sequence[Body]) -> float:
+    """Bytes of the entries of the stiffness of bodies that are meshed."""
     shapes = [(*body.cells.shape, body.dim) for body in meshed]
     return float(
         sum(m * (nodes * d) ** 2 * tuning.LEAST_BYTES for m, nodes, d in shapes)

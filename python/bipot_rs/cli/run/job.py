@@ -252,7 +252,7 @@ class Job:
         ours = self.done is not None or describe_unfinished(path, stamp, self.count)
         if path.exists() and not ours:
             path = self.request.folder / UNFINISHED
-        attributes = self._attributes("the run has not ended", stamp)
+        attributes = self._make_attributes("the run has not ended", stamp)
         self.checkpoint = Checkpoint(draft, path, attributes)
 
     def _save(self, *, always: bool = False) -> None:
@@ -494,7 +494,7 @@ class Job:
             if code == SOLVED and came is not None:
                 runner.interrupts.take(came)
                 code, message = runner.interrupted
-            return {**self._attributes(message, stamp), "complete": code == SOLVED}
+            return {**self._make_attributes(message, stamp), "complete": code == SOLVED}
 
         finish(runner.ranks.broadcast(runner.interrupts.came))
         with runner.phase("write"):
@@ -522,7 +522,7 @@ class Job:
         from bipot_rs.contact.results.tables import list_columns
 
         out.contact_series(case)
-        rows = self._rows(case)
+        rows = self._list_rows(case)
         out.table(list_columns(rows, self._extra()), rows)
         if self.request.plot and self.runner.reached:
             out.pictures(scene, case)
@@ -548,7 +548,7 @@ class Job:
         with runner.phase("write"):
             series.end()
 
-    def _attributes(
+    def _make_attributes(
         self, message: str, stamp: Mapping[str, object]
     ) -> dict[str, object]:
         """Attributes of the result file."""
@@ -563,7 +563,7 @@ class Job:
             return WEAR
         return () if self.estimator is None else ("error", "error_kind")
 
-    def _rows(self, case: Case) -> list[dict[str, object]]:
+    def _list_rows(self, case: Case) -> list[dict[str, object]]:
         """The rows of the load steps, with the forces of the contact surfaces."""
         from bipot_rs.cli.run.report import forces
 
@@ -584,7 +584,7 @@ class Job:
             return
         if self.case is None or self.scene is None:
             return
-        rows, model = self._rows(self.case), self.case.model
+        rows, model = self._list_rows(self.case), self.case.model
         table = format_steps(
             rows,
             title=self.scene.title,

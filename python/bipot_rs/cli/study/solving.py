@@ -68,7 +68,8 @@ def solve_rows(request: StudyOptions) -> int:
 
     if request.jobs is not None and request.scheduler is not None:
         raise ValueError(
-            "--jobs cannot be used with --scheduler: its workers are given"
+            "--jobs cannot be used with --scheduler, which has workers of its own: remove "
+            "--jobs"
         )
     say: Callable[[str], object] = (lambda _: None) if request.as_json else complain
     tol = 1e-10 if request.tol is None else request.tol

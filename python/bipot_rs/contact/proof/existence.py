@@ -530,7 +530,7 @@ def _are_same(first: Solution, other: Solution, moved: float) -> bool:
 def _draw_starts(
     rng: np.random.Generator, size: Floats, mu: Floats, dim: int, restarts: int
 ) -> Iterator[Floats | None]:
-    """None, all contacts sticking, all slipping in one direction, then random starts."""
+    """Starts: none; all contacts stick; all slip in one direction; then random ones."""
     yield None
     limits = (size * mu.T).T.reshape(len(size), -1)
     directions = np.vstack([np.zeros(dim - 1), np.eye(dim - 1), -np.eye(dim - 1)])

@@ -51,7 +51,7 @@ class Latches:
         return filled
 
     def drop_free(self, prescribed: Floats, free: Bools) -> Floats:
-        """Those of the degrees of freedom that are prescribed while some latches are free."""
+        """The displacements that stay prescribed while some latches are free."""
         return np.delete(prescribed, self.at[free])
 
     def check_start(self, start: Step | None) -> None:

@@ -31,7 +31,7 @@ class FactoredSystem(Protocol):
         """Solve for right sides, a row each."""
 
     def solve_transposed(self, right: Floats, /) -> Floats:
-        """The same with the transposed matrix."""
+        """Solve with the transposed matrix for right sides, a row each."""
 
 
 class ContactResponse(Protocol):
@@ -283,7 +283,7 @@ class KrylovSystem:
         return np.stack([self.solve_row(row, False) for row in right])
 
     def solve_transposed(self, right: Floats, /) -> Floats:
-        """The same with the transposed matrix."""
+        """Solve with the transposed matrix for right sides, a row each."""
         return np.stack([self.solve_row(row, True) for row in right])
 
 

@@ -99,7 +99,7 @@ def describe_undecided(whose: str, motion: str) -> str:
 
 
 def describe_soft(whose: str, motion: str, cells: str = "") -> str:
-    """The same for a mesh, which tells which motions are free.
+    """Message of a soft motion that K has too few digits for; a mesh shows that it is not free.
 
     ``cells`` describes the most slender ones.
     """
