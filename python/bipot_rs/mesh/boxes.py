@@ -213,7 +213,8 @@ def box(axes: Sequence[ArrayLike], cell: str) -> ElementMesh:
 
 def box_mesh(axes: Sequence[ArrayLike], cell: str) -> BoxMesh:
     """As `box`, without scikit-fem."""
-    if not isinstance(axes, (Sequence, np.ndarray)) or isinstance(axes, str):
+    given: Any = axes
+    if not isinstance(given, (Sequence, np.ndarray)) or isinstance(given, str):
         raise TypeError(
             f"axes is {show_value(axes)}, expected grid points of each axis"
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -186,7 +186,7 @@ def _check_names(part: object) -> None:
                 f"{field} of a {kind} is {show_value(name)}, expected a name"
             )
     for field in ("against", "on", "onto"):
-        pair = getattr(part, field, None)
+        pair: Any = getattr(part, field, None)
         if pair is None and (field == "against" or not hasattr(part, field)):
             continue
         is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2
@@ -257,7 +257,7 @@ def _check_axisymmetric(
 def _find_dofs(bodies: NumberedBodies, support: Support) -> Ints:
     """Degrees of freedom of a support, ``(components, nodes)``."""
     numbered, components = bodies[support.body], list(range(bodies.dim))
-    given = support.components
+    given: Any = support.components
     if not isinstance(given, (Sequence, np.ndarray)) or isinstance(given, str):
         raise TypeError(
             f"components of the support on {support.surface!r} are {show_value(given)}, "
