@@ -20,7 +20,6 @@ from bipot_rs._lib.validation import (
     matrices,
     settings,
 )
-from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NoEquilibriumError
 from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
 from bipot_rs.contact.path.contacts import ContactSet
@@ -639,8 +638,7 @@ class ContactProblem:
         callback("gap", gap)
         plan = check_increments(stops, first, largest, smallest, slip)
         totals = self.loading.make_totals(load, prescribed, gap, plan.stops[-1])
-        expected = tuning.ADAPTIVE_STEPS * len(plan.stops)
-        engine = self.stiffness.choose_engine(expected, method, last_step(start))
+        engine = self.stiffness.choose_engine(plan.steps, method, last_step(start))
         path = self._begin_path(engine, checked, start, gap)
         with show_progress(progress, float(plan.stops[-1]), on_step) as report:
             return solve_adaptively(path, totals, plan, report)

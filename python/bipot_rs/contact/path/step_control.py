@@ -40,6 +40,11 @@ class Increments:
     # Largest slip of a contact in one step [length]; None for no limit.
     slip: float | None = None
 
+    @property
+    def steps(self) -> int:
+        """Expected number of load steps."""
+        return tuning.ADAPTIVE_STEPS * len(self.stops)
+
     def next(self, s: float, ahead: float) -> float:
         """End of a step from s."""
         stop = next(stop for stop in self.stops if stop > s)
