@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from bipot_rs._lib.optional import lazily
 
 if TYPE_CHECKING:
-    from bipot_rs.petsc.problem import ContactProblem
-    from bipot_rs.petsc.result import Result, Step
-
-__all__ = ["ContactProblem", "Result", "Step"]
+    from bipot_rs.petsc.problem import ContactProblem as ContactProblem
+    from bipot_rs.petsc.result import Result as Result
+    from bipot_rs.petsc.result import Step as Step
 
 __getattr__, __dir__ = lazily(__name__)
+__all__ = __dir__()

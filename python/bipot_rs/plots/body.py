@@ -12,6 +12,7 @@ from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.law.frames import find_step_frames
+from bipot_rs.files.fields import unit
 from bipot_rs.mesh.kinds import OF_VTK
 from bipot_rs.plots import mpl, style
 from bipot_rs.plots.data import (
@@ -167,7 +168,7 @@ def deformed(
         corners = _around_bodies(drawn, bands) if model.dim == 2 else drawn
     _show(corners, ax)
     style.fit(ax)
-    stress = style.stress_unit(units)
+    stress = unit("stress", units)
     most = float(mises.max(initial=0.0))
     style.colour_bar(image, ax, "von Mises stress", stress, extend=extend, most=most)
     words = [f"displacements × {scale:g}"] if scale != 1 else []

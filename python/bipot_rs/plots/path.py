@@ -14,6 +14,7 @@ from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.resultants import is_curved, list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.result import Result
+from bipot_rs.files.fields import unit
 from bipot_rs.plots import mpl
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import (
@@ -327,7 +328,7 @@ def dissipation(
         label="in all",
         **_style(len(path)),
     )
-    canvas.name_axis(ax.yaxis, "work of friction", canvas.work_unit(units))
+    canvas.name_axis(ax.yaxis, "work of friction", unit("energy", units))
     ax.set_xlim(0.2, len(path) + 0.8)
     canvas.legend_above(ax)
     return _finish(ax)

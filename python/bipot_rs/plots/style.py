@@ -17,7 +17,6 @@ from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import Floats, Integers
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.status import STATUS_NAMES
-from bipot_rs.files import fields
 from bipot_rs.plots import mpl
 
 # Colours of the statuses open, slip, stick.
@@ -230,16 +229,6 @@ def map_colours(colours: str | mpl.Colormap, low: float, high: float) -> Colours
 def shades() -> mpl.ListedColormap:
     """Colours of an order, without their light end, which is hard to see on white."""
     return mpl.ListedColormap(mpl.colormaps["viridis"](np.linspace(0, 0.9, 256)))
-
-
-def stress_unit(units: Units) -> str | None:
-    """Unit of tractions: as given, or made from force and length."""
-    return fields.unit("stress", units)
-
-
-def work_unit(units: Units) -> str | None:
-    """Unit of work; None if force or length is unknown."""
-    return fields.unit("energy", units)
 
 
 def cycle(k: int) -> str:

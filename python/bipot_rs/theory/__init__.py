@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from bipot_rs._lib.optional import lazily
 
 if TYPE_CHECKING:
-    from bipot_rs.theory.soil_body import Soil
-    from bipot_rs.theory.structure import Contacts, Structure
-
-__all__ = ["Contacts", "Soil", "Structure"]
+    from bipot_rs.theory.soil_body import Soil as Soil
+    from bipot_rs.theory.structure import Contacts as Contacts
+    from bipot_rs.theory.structure import Structure as Structure
 
 __getattr__, __dir__ = lazily(__name__)
+__all__ = __dir__()

@@ -21,6 +21,7 @@ from bipot_rs.cli.study.folder import (
     read_record,
 )
 from bipot_rs.contact.results.tables import COMPONENTS, FORCES, MOMENTS, TORQUE
+from bipot_rs.files.fields import unit
 from bipot_rs.plots import mpl, style
 
 if TYPE_CHECKING:
@@ -188,7 +189,7 @@ def _words(name: str, columns: Sequence[str]) -> str:
 def _unit(name: str, units: Mapping[str, str]) -> str | None:
     kind = name.partition(" of ")[0]
     if kind == PRESSURE:
-        return style.stress_unit(units)
+        return unit("stress", units)
     if kind in (*FORCES[:2], *COMPONENTS):
         return units.get("force")
     if kind in (*MOMENTS, TORQUE):
