@@ -74,12 +74,17 @@ class Adjoint(Protocol):
 class _Unavailable:
     """The adjoint of a gradient, and the displacements of a tangent, that came without them."""
 
-    # The others of `Adjoint` are asked with what this one gives.
     def load(self) -> NoReturn:
         raise ValueError(
             "these derivatives came from another process, and the problem was made with "
             "loads= and has no factor of K"
         )
+
+    def prescribed(self, _load: Floats) -> NoReturn:
+        self.load()
+
+    def stiffness(self, _load: Floats) -> NoReturn:
+        self.load()
 
 
 class _Model(Protocol[L, G]):
