@@ -82,7 +82,8 @@ pub struct Bodies<const D: usize> {
     pub free: Vec<i64>,
 }
 
-/// What a row says.
+/// The force of a dilation at a degree of freedom, the work of shears there, and whether its row
+/// of `K` has no support.
 #[derive(Debug)]
 struct Row {
     outward: f64,

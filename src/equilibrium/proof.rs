@@ -29,7 +29,7 @@ pub(super) struct Witness {
 }
 
 impl Witness {
-    /// Of a motion that moves only these contacts.
+    /// The witness of a motion that moves only these contacts.
     pub(super) fn new(statics: &Statics, contacts: &[usize], load: &[f64], motion: &[f64]) -> Self {
         let mut slack = Vec::with_capacity(contacts.len());
         let mut held = 0.0;

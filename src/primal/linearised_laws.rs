@@ -17,7 +17,7 @@ use crate::solver::derivatives::tangent_system::ClosedLaw;
 #[derive(Clone, Debug)]
 struct LawOfContact<const D: usize> {
     contact: usize,
-    /// Place of its first component; nothing for a contact without an unknown.
+    /// Place of the first component of the contact among the unknowns; nothing if it has none.
     at: Option<usize>,
     free: [bool; D],
     law: MultipliedLaw<D>,

@@ -55,7 +55,7 @@ def versions() -> dict[str, str]:
         "python": f"{platform.python_version()} ({platform.python_implementation()})",
         "system": platform.platform(),
     }
-    model, flags = _processor()
+    model, flags = _describe_processor()
     facts["processor"] = model
     supported = [name for name in _VECTORS if name in flags]
     facts["vector instructions"] = ", ".join(supported) or "unknown"
@@ -82,7 +82,7 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-def _processor() -> tuple[str, set[str]]:
+def _describe_processor() -> tuple[str, set[str]]:
     """Name and instruction sets of the processor; the latter on Linux only."""
     model, flags = platform.processor() or platform.machine() or "unknown", set[str]()
     try:

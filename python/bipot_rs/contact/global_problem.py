@@ -243,7 +243,9 @@ class _Lu:
         except RuntimeError:
             singular = True
         else:
-            singular = bool(_condition(mass, self._factor) > 1 / np.finfo(float).eps)
+            singular = bool(
+                _estimate_condition(mass, self._factor) > 1 / np.finfo(float).eps
+            )
         if singular:
             raise ValueError(
                 "M is asymmetric and singular to rounding, so that W = Hᵀ M⁻¹ H does not "
@@ -276,7 +278,7 @@ class _Lu:
         return np.asarray(self._factor.solve(right), np.float64)
 
 
-def _condition(matrix: CsrMatrix, factor: _Factor) -> float:
+def _estimate_condition(matrix: CsrMatrix, factor: _Factor) -> float:
     """Estimate ``‖ |M⁻¹| |M| ‖`` in scaled unknowns, independent of units."""
     from scipy.sparse.linalg import LinearOperator, onenormest
 

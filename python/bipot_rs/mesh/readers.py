@@ -381,7 +381,7 @@ def _mesh(
     node[number] = np.arange(len(number))
     subdomains = {}
     for name, parts in volumes.items():
-        inside = np.unique(index[_global(file, parts)])
+        inside = np.unique(index[_number_globally(file, parts)])
         if inside[-1] >= 0:
             subdomains[name] = inside[inside >= 0]
     boundaries = _surfaces(file, mesh, node, top, index)
@@ -401,7 +401,7 @@ def _counts(blocks: Sequence[tuple[str, Ints]]) -> str:
     return ", ".join(f"{n} of kind {kind}" for kind, n in total.items() if n)
 
 
-def _global(file: Content, parts: Sequence[Ints]) -> Ints:
+def _number_globally(file: Content, parts: Sequence[Ints]) -> Ints:
     """Indices of cells of blocks in the sequence of all blocks."""
     starts = np.cumsum([0, *(len(nodes) for _, nodes in file.blocks)])
     flat = [part + start for part, start in zip(parts, starts[:-1], strict=True)]
@@ -448,7 +448,9 @@ def _cells(
             + (f": read separate bodies by group= {', '.join(alone)}" if alone else "")
         )
     cells = np.concatenate([nodes for _, nodes in picked])
-    numbers = _global(file, [np.flatnonzero(chosen_cells) for chosen_cells in chosen])
+    numbers = _number_globally(
+        file, [np.flatnonzero(chosen_cells) for chosen_cells in chosen]
+    )
     _, first, which = np.unique(
         np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True
     )
@@ -516,7 +518,9 @@ def _surfaces(
     cell_of, beyond = np.asarray(mesh.f2t)
     cell_of = cell_of[border]
     for name, parts in file.free.items():
-        facets_of[name].append(border[np.isin(cell_of, index[_global(file, parts)])])
+        facets_of[name].append(
+            border[np.isin(cell_of, index[_number_globally(file, parts)])]
+        )
     whole = {
         name: np.unique(np.concatenate([np.zeros(0, np.int64), *f]))
         for name, f in facets_of.items()

@@ -144,12 +144,12 @@ def overlaps(slave: FacetMesh, master: FacetMesh, distance: float) -> Overlaps:
         polygons = clip(ours, theirs[:, ::-1])
         size = _areas(polygons)
     kept = size > least
-    kept &= _apart(slave, s, master, m) <= distance
+    kept &= _measure_distance(slave, s, master, m) <= distance
     _one_layer(slave, s[kept], master, m[kept], ours[kept], theirs[kept], least[kept])
     return Overlaps(s[kept], m[kept], polygons[kept], theirs[kept])
 
 
-def _apart(slave: FacetMesh, s: Ints, master: FacetMesh, m: Ints) -> Floats:
+def _measure_distance(slave: FacetMesh, s: Ints, master: FacetMesh, m: Ints) -> Floats:
     """Smallest distance of facets along the normals of the slave."""
     between = master.points[master.corners[m]] - slave.centre[s][:, None]
     theirs = np.einsum("pd,pcd->pc", slave.normals[s], between)

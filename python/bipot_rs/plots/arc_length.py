@@ -117,7 +117,7 @@ def _arc(x: Floats) -> Places:
     axis = int(np.argmax(size > _STRAIGHT * size.max()))
     apart = x[order[-1]] - x[order[0]]
     if len(x) > 3 and np.linalg.norm(apart) <= _CLOSED * near:
-        order, seen = _around(x, order, axis)
+        order, seen = _order_ring(x, order, axis)
         name = f"arc length from largest {'xyz'[axis]}, counter-clockwise{seen}"
     else:
         # The axis by which its ends differ.
@@ -129,7 +129,7 @@ def _arc(x: Floats) -> Places:
     return Places(order, s, _tangents(x[order]), name)
 
 
-def _around(x: Floats, order: Ints, axis: int) -> tuple[Ints, str]:
+def _order_ring(x: Floats, order: Ints, axis: int) -> tuple[Ints, str]:
     """Order of a ring, counter-clockwise from its largest coordinate, and the view side."""
     ring = x[order] - x.mean(axis=0)
     a, b = ring, np.roll(ring, -1, axis=0)

@@ -111,7 +111,7 @@ def chosen(
     result: object, kind: str | None, model: object, options: Mapping[str, object]
 ) -> tuple[Picture, object]:
     """The picture of a name, and the model of the result; errors name what is wrong."""
-    name = _usual(result, options) if kind is None else kind
+    name = _choose_picture(result, options) if kind is None else kind
     if name not in KINDS:
         raise ValueError(
             f"kind is {name!r}, expected one of {', '.join(KINDS)}{meant(name, KINDS)}"
@@ -134,7 +134,7 @@ def chosen(
     return picture, model
 
 
-def _usual(result: object, options: Record) -> str:
+def _choose_picture(result: object, options: Record) -> str:
     """The picture of a result if none is named."""
     choices = {k: options[k] for k in ("step", "contacts", "on") if k in options}
     path = result if isinstance(result, Result) else None

@@ -169,7 +169,7 @@ def draw_error(
     if nodes.shape[1] == 2:
         panels = _error_in_plane(figure, nodes, cells, share, contacts, colours, unit)
     else:
-        panels = _error_in_space(figure, nodes, cells, share, colours)
+        panels = _draw_error_in_space(figure, nodes, cells, share, colours)
     figure.colorbar(panels[-1][1], ax=[axes for axes, _ in panels], label=label)
 
 
@@ -204,7 +204,7 @@ def _error_in_plane(
     return panels
 
 
-def _error_in_space(
+def _draw_error_in_space(
     figure: mpl.Figure | mpl.SubFigure,
     nodes: Floats,
     cells: Sequence[tuple[str, Ints]],

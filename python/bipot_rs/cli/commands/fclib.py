@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
             if arguments.json:
                 line(**row)
             else:
-                tell(_line(row, width, arguments.tol), sys.stdout)
+                tell(_format_line(row, width, arguments.tol), sys.stdout)
             # With --json the row has the message.
             solved = _STATUS[row["outcome"]] == SOLVED
             if row["outcome"] == UNREADABLE or not (arguments.json or solved):
@@ -144,7 +144,7 @@ def _sentence(row: Record) -> str:
     return printable(message if named else f"{name}: {message}")
 
 
-def _line(row: Record, width: int, tol: float) -> str:
+def _format_line(row: Record, width: int, tol: float) -> str:
     """The row of a file as text; unknown numbers are left blank."""
     from bipot_rs.contact.global_problem import SYMMETRIC
 

@@ -53,7 +53,9 @@ def draw(
             f"{path} is the folder of a sweep: choose what to draw with --x and --y, of "
             f"{', '.join(columns)}; {folder}/rows holds results of single rows, if any"
         )
-    across, up = (_column(n, t, keys, columns) for n, t in (("--x", x), ("--y", y)))
+    across, up = (
+        _find_column(n, t, keys, columns) for n, t in (("--x", x), ("--y", y))
+    )
     drawn = [row for row in rows if row[across] and row[up]]
     absent = [row for row in rows if not (row[across] and row[up])]
     if not drawn:
@@ -148,7 +150,9 @@ def _draw_series(
         style.legend_above(ax, title=parameter, handles=handles, ncols=2)
 
 
-def _column(option: str, text: str, keys: Sequence[str], columns: Sequence[str]) -> str:
+def _find_column(
+    option: str, text: str, keys: Sequence[str], columns: Sequence[str]
+) -> str:
     """The column that is named, or whose last key or first word is."""
     if text in columns:
         return text

@@ -156,7 +156,7 @@ _AHEAD = 2
 _MEMORY = "memory"
 
 
-def _place(address: str) -> str:
+def _read_address(address: str) -> str:
     """``HOST:PORT``, perhaps with a protocol, or the address in a scheduler file."""
     place, file = address, Path(address)
     if file.is_file():
@@ -199,7 +199,7 @@ class Cluster:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self.address, self.say = address, say
         try:
-            self._client = self._dask.Client(_place(address), timeout=_CONNECT)
+            self._client = self._dask.Client(_read_address(address), timeout=_CONNECT)
         except OSError as error:
             why = " ".join(str(error).split()) or type(error).__name__
             raise OSError(

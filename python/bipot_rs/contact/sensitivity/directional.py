@@ -66,7 +66,7 @@ class BorderProblem:
         self.d, self.size = d, len(self.at) * d
         self._eliminate()
         # Each combination of sides that is tried is a list of these.
-        self.sides = [self._sides_of(j) for j in range(len(self.at))]
+        self.sides = [self._list_sides(j) for j in range(len(self.at))]
 
     def _eliminate(self) -> None:
         """``dr``, ``da`` and ``dv`` of all contacts as affine functions of ``z``."""
@@ -151,7 +151,7 @@ class BorderProblem:
         apart = _measure((ours[0] - other[0]) * unit, (ours[1] - other[1]) / unit)
         return apart > _SAME * size
 
-    def _sides_of(self, j: int) -> list[Side]:
+    def _list_sides(self, j: int) -> list[Side]:
         """Sides of a border contact, each with a direction of slip."""
         p = self.direction[self.at[j]]
         if not self.resting[j]:

@@ -332,7 +332,7 @@ def _large(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
             displacement_of_body = steps[k].displacement[
                 first : first + body.points.size
             ]
-            for name, values in _sizes(mean.gradient(displacement_of_body)):
+            for name, values in _measure_gradients(mean.gradient(displacement_of_body)):
                 cell = int(np.argmax(values))
                 value = float(values[cell])
                 if value <= max(SMALL_ROTATION, worst.get(name, (0.0, ""))[0]):
@@ -354,7 +354,7 @@ def _large(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
     yield from (sentence for _, sentence in worst.values())
 
 
-def _sizes(gradient: Floats) -> Iterator[tuple[str, Floats]]:
+def _measure_gradients(gradient: Floats) -> Iterator[tuple[str, Floats]]:
     """Angle of rotation and largest principal strain of gradients ``(k, a, cells)``."""
     turned = 0.5 * (gradient - gradient.swapaxes(0, 1))
     strain = 0.5 * (gradient + gradient.swapaxes(0, 1))

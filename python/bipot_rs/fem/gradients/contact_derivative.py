@@ -225,7 +225,7 @@ def of_normal(frame: Floats, cotangent: Floats, contact: Contact) -> Floats:
         turning = np.linalg.det(frame)[:, None] * cotangent[:, 2]
         by_normal += np.cross(t, turning)
         along += np.cross(turning, n)
-    reference = _first_axis(n, contact)
+    reference = _find_first_axis(n, contact)
     # t1 = (e - (e·n) n) / size, of which the part along t1 is normalised away.
     size = np.sum(reference * t, axis=1, keepdims=True)
     along -= np.sum(along * t, axis=1, keepdims=True) * t
@@ -236,7 +236,7 @@ def of_normal(frame: Floats, cotangent: Floats, contact: Contact) -> Floats:
     return np.asarray(by_normal - np.sum(by_normal * n, axis=1, keepdims=True) * n)
 
 
-def _first_axis(normal: Floats, contact: Contact) -> Floats:
+def _find_first_axis(normal: Floats, contact: Contact) -> Floats:
     """The direction from which `frames` makes t1, ``(m, d)``."""
     if contact.axis is not None:
         return np.broadcast_to(np.asarray(contact.axis, np.float64), normal.shape)

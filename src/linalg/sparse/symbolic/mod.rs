@@ -76,7 +76,7 @@ pub(crate) struct Front {
     pub(crate) nu: usize,
     /// Front that takes the update; `None` for S.
     pub(crate) parent: Option<usize>,
-    /// Position of its panel in the factor.
+    /// Position of the panel of the front in the factor.
     pub(crate) panel: usize,
     /// Updated rows, in [`Symbolic::runs`].
     pub(crate) runs: Range<usize>,
