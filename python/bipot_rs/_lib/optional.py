@@ -59,6 +59,11 @@ def lazily(package: str) -> tuple[Callable[[str], object], Callable[[], list[str
     """
     spec = sys.modules[package].__spec__
     source = spec.loader.get_source(package)  # type: ignore[union-attr]
+    if source is None:
+        raise ImportError(
+            f"the source of {package} is missing, which lists its names: a program that is "
+            "packed with bytecode only needs the files .py of bipot_rs too"
+        )
     imports = [
         node
         for block in ast.parse(source).body

@@ -1,10 +1,12 @@
 """Without an optional library the rest works, and the message names the extra."""
 
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from bipot_rs._lib.optional import missing
+from bipot_rs._lib.optional import lazily, missing
 from support.programs import child_without
 
 OPTIONAL = (
@@ -77,3 +79,11 @@ def test_import_error_inside_a_library_is_unchanged() -> None:
     assert missing(within, "files", "h5py", "io") is within
     without = ModuleNotFoundError("No module named 'h5py'", name="h5py")
     assert missing(without, "files", "h5py", "io") is not without
+
+
+def test_a_package_without_its_source_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a program that is packed with bytecode only."""
+    spec = SimpleNamespace(loader=SimpleNamespace(get_source=lambda _: None))
+    monkeypatch.setitem(sys.modules, "packed", SimpleNamespace(__spec__=spec))
+    with pytest.raises(ImportError, match="the source of packed is missing"):
+        lazily("packed")
