@@ -6,6 +6,8 @@ pub(crate) mod elasticity;
 
 use std::sync::atomic::AtomicBool;
 
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+
 /// Stops nothing.
 pub(crate) static GO: AtomicBool = AtomicBool::new(false);
 
@@ -21,4 +23,10 @@ pub(crate) fn minus<const D: usize>(a: &[f64; D], b: &[f64; D]) -> [f64; D] {
 
 pub(crate) fn bits(values: &[f64]) -> Vec<u64> {
     values.iter().map(|x| x.to_bits()).collect()
+}
+
+/// Numbers of size one.
+pub(crate) fn random(count: usize, seed: u64) -> Vec<f64> {
+    let mut rng = StdRng::seed_from_u64(seed);
+    (0..count).map(|_| rng.random_range(-1.0..1.0)).collect()
 }

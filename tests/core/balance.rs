@@ -225,29 +225,23 @@ const PLANE: [(usize, usize); 5] = [(1, 1), (2, 3), (5, 3), (40, 3), (12, 6)];
 const SPACE: [(usize, usize); 5] = [(1, 2), (3, 6), (8, 6), (60, 6), (20, 12)];
 
 #[test]
-fn a_load_beyond_the_limit_by_a_millionth_is_refused() {
-    // The proof keeps clear of the edge of K*_μ; 1e-12 is rounding of a dozen terms
-    // and of the change from scaled variables.
-    let shares = [1.0, 1e-2, 1e-6];
-    for (contacts, motions) in PLANE {
-        unbalanced_loads_are_refused::<2>(contacts, motions, 0.9, shares, 1e-12);
-    }
-    for (contacts, motions) in SPACE {
-        unbalanced_loads_are_refused::<3>(contacts, motions, 0.9, shares, 1e-12);
-    }
-}
-
-#[test]
-fn a_load_on_the_only_motion_that_contact_leaves_is_refused() {
-    // The motion lies on the edge of K*_μ at many contacts: any other closes one
-    // of them. The proof then rules out reactions up to 1e9 times the load, with
-    // distances up to 1e-9 of the work; scaling differs by 10 between contacts. In
-    // space rounding leaves such distances, and less work, at sixty contacts.
-    for (contacts, motions) in PLANE {
-        unbalanced_loads_are_refused::<2>(contacts, motions, 1.0, [1.0, 1e-2, 1e-3], 1e-8);
-    }
-    for (contacts, motions) in SPACE {
-        unbalanced_loads_are_refused::<3>(contacts, motions, 1.0, [1.0, 0.3, 0.1], 1e-8);
+fn a_load_beyond_the_limit_is_refused() {
+    for (inside, plane, space, distance) in [
+        // By a millionth. The proof keeps clear of the edge of K*_μ; 1e-12 is rounding of a
+        // dozen terms and of the change from scaled variables.
+        (0.9, [1.0, 1e-2, 1e-6], [1.0, 1e-2, 1e-6], 1e-12),
+        // On the only motion that contact leaves: it lies on the edge of K*_μ at many contacts,
+        // and any other closes one of them. The proof then rules out reactions up to 1e9 times
+        // the load, with distances up to 1e-9 of the work; scaling differs by 10 between
+        // contacts. In space rounding leaves such distances, and less work, at sixty contacts.
+        (1.0, [1.0, 1e-2, 1e-3], [1.0, 0.3, 0.1], 1e-8),
+    ] {
+        for (contacts, motions) in PLANE {
+            unbalanced_loads_are_refused::<2>(contacts, motions, inside, plane, distance);
+        }
+        for (contacts, motions) in SPACE {
+            unbalanced_loads_are_refused::<3>(contacts, motions, inside, space, distance);
+        }
     }
 }
 

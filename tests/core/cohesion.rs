@@ -217,6 +217,14 @@ fn one_contact_is_solved_exactly<const D: usize>(rng: &mut StdRng, seen: &mut [u
     let v: [f64; D] = (w * Vector::from(r) + Vector::from(q)).into();
     assert!(violation(&r, &v, &law) <= 1e-11, "{w} {q:?} {law:?}: {r:?}");
     seen[status as usize] += 1;
+    // The map of Newton's method is away from zero elsewhere, by the smallest eigenvalue of the
+    // block, above 0.5, less what friction takes.
+    let away = 10.0_f64.powf(rng.random_range(-6.0..0.0));
+    let change = Vector::from(any::<D>(rng)) * away;
+    let other: [f64; D] = (Vector::from(r) + change).into();
+    let moved: [f64; D] = (w * Vector::from(other) + Vector::from(q)).into();
+    let value = linearised(&other, &moved, law).value;
+    assert!(value.norm() >= 1e-2 * change.norm(), "{w} {q:?} {law:?}");
     // Units: powers of two change no bit.
     let (a, b) = (2.0_f64.powi(40), 2.0_f64.powi(-31));
     let (other, same) =
@@ -294,6 +302,14 @@ fn the_law_in_the_plane() {
 #[test]
 fn the_law_in_space() {
     all::<3>(2);
+}
+
+#[test]
+fn a_tie_of_stick_and_slip_is_stick_and_nothing_pressed_is_open() {
+    let tie = linearised(&[1.0, 0.5], &[0.0, 0.0], 0.5);
+    assert_eq!((tie.status, tie.by_v), (Status::Stick, Block::identity()));
+    let free = linearised(&[0.0; 3], &[0.0; 3], 0.5);
+    assert_eq!((free.status, free.by_r), (Status::Open, Block::identity()));
 }
 
 /// A stress of a plane, and one of space.

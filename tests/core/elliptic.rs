@@ -172,6 +172,12 @@ fn the_apex_the_axis_and_no_friction() {
     }
 }
 
+/// The larger coefficients, and the scaling.
+fn scaling(mu: &[[f64; 2]]) -> (Vec<f64>, EllipticScaling) {
+    let (largest, elliptic) = EllipticScaling::new(mu).unwrap();
+    (largest, elliptic.unwrap())
+}
+
 /// A symmetric `W` of two contacts, dense.
 fn compliance() -> Result<Compliance<'static, 3>, Error> {
     let n = 6_u8;
@@ -197,8 +203,7 @@ fn sparse() -> Compliance<'static, 3> {
 fn sparse_blocks_are_those_of_the_dense_matrix() {
     let (dense, sparse) = (compliance().unwrap(), sparse());
     assert_eq!(sparse.to_dense(), dense.to_dense());
-    let (_, elliptic) = EllipticScaling::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
-    let elliptic = elliptic.unwrap();
+    let (_, elliptic) = scaling(&[[0.3, 0.1], [0.2, 0.7]]);
     let scaled = [&dense, &sparse].map(|w| w.scaled(&elliptic).unwrap().to_dense());
     assert_eq!(scaled[0], scaled[1]);
     let x = [[0.3, -1.0, 2.0], [0.5, 0.1, -0.7]];
@@ -219,8 +224,7 @@ fn sparse_blocks_are_those_of_the_dense_matrix() {
 
 #[test]
 fn scaling_is_t_w_t_and_leads_back() {
-    let (mu, elliptic) = EllipticScaling::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
-    let elliptic = elliptic.unwrap();
+    let (mu, elliptic) = scaling(&[[0.3, 0.1], [0.2, 0.7]]);
     assert_eq!(mu, [0.3, 0.7]);
     let t = [1.0, 1.0, 0.1 / 0.3, 1.0, 0.2 / 0.7, 1.0];
     let given = compliance().unwrap();
@@ -235,8 +239,7 @@ fn scaling_is_t_w_t_and_leads_back() {
     let apart = back.iter().zip(&whole).map(|(a, b)| (a - b).abs());
     assert!(apart.fold(0.0, f64::max) <= 4.0 * EPS);
     // From one scaling to another, as from none to the other.
-    let (_, other) = EllipticScaling::new(&[[0.1, 0.1], [0.5, 0.4]]).unwrap();
-    let other = other.unwrap();
+    let (_, other) = scaling(&[[0.1, 0.1], [0.5, 0.4]]);
     let change = EllipticScaling::between(Some(&elliptic), Some(&other)).unwrap();
     let changed = made.scaled(&change).unwrap().to_dense();
     let straight = given.scaled(&other).unwrap().to_dense();
@@ -248,8 +251,7 @@ fn scaling_is_t_w_t_and_leads_back() {
 #[test]
 fn the_law_of_one_is_that_of_the_other() {
     // Slip along (3, 4) with μ = (0.4, 0.2), by hand: r_t = −(0.48, 0.16)/√2.08.
-    let (mu, elliptic) = EllipticScaling::new(&[[0.4, 0.2]]).unwrap();
-    let elliptic = elliptic.unwrap();
+    let (mu, elliptic) = scaling(&[[0.4, 0.2]]);
     let size = 2.08_f64.sqrt();
     let (r, v) = ([1.0, -0.48 / size, -0.16 / size], [0.0, 3.0, 4.0]);
     let (flat_r, flat_v) = (elliptic.over(&[r])[0], elliptic.times(&[v])[0]);
@@ -333,8 +335,7 @@ fn rotated_frames_have_the_rotated_compliance() {
         back.times(&forth.times(&x)).as_flattened(),
         x.as_flattened(),
     );
-    let (_, elliptic) = EllipticScaling::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
-    let elliptic = elliptic.unwrap();
+    let (_, elliptic) = scaling(&[[0.3, 0.1], [0.2, 0.7]]);
     let of_scaled = Rotation::new(&whole, Some(&elliptic));
     let after = given
         .scaled(&elliptic)

@@ -183,29 +183,17 @@ fn no_bound_without_a_reason() {
         }
     };
     let diagonal = |d: [f64; 4]| std::array::from_fn(|k| if k % 5 == 0 { d[k / 5] } else { 0.0 });
-    let (one, free) = (diagonal([1.0; 4]), [[0.0; 2], [1.0, 0.0]]);
-    assert_eq!(told(one, 1.0, free), ("global", 0));
-    assert_eq!(
-        told(diagonal([0.0, 0.0, 1.0, 1.0]), -1.0, free),
-        ("no answer", 0)
-    );
-    assert_eq!(
-        told(diagonal([0.0, 0.0, 1.0, 1.0]), 0.0, free),
-        ("touching", 0)
-    );
-    assert_eq!(
-        told(diagonal([0.0, 0.0, 1.0, 1.0]), 1.0, free),
-        ("global", 0)
-    );
-    let pressed = [[1.0, 0.0], [1.0, 0.0]];
-    assert_eq!(
-        told(diagonal([0.0, 0.0, 1.0, 1.0]), 1.0, pressed),
-        ("impossible", 0)
-    );
-    assert_eq!(told(diagonal([1.0, 1.0, 1.0, 0.0]), 1.0, free), ("led", 1));
-    assert_eq!(
-        told(diagonal([1.0, 1.0, 1.0, -1.0]), 1.0, free),
-        ("not definite", 0)
-    );
-    assert_eq!(told(one, 1.0, [[0.0; 2], [1e300, 0.0]]), ("range", 0));
+    let (free, pressed) = ([[0.0; 2], [1.0, 0.0]], [[1.0, 0.0]; 2]);
+    for (w, q, r, expected) in [
+        ([1.0; 4], 1.0, free, ("global", 0)),
+        ([0.0, 0.0, 1.0, 1.0], -1.0, free, ("no answer", 0)),
+        ([0.0, 0.0, 1.0, 1.0], 0.0, free, ("touching", 0)),
+        ([0.0, 0.0, 1.0, 1.0], 1.0, free, ("global", 0)),
+        ([0.0, 0.0, 1.0, 1.0], 1.0, pressed, ("impossible", 0)),
+        ([1.0, 1.0, 1.0, 0.0], 1.0, free, ("led", 1)),
+        ([1.0, 1.0, 1.0, -1.0], 1.0, free, ("not definite", 0)),
+        ([1.0; 4], 1.0, [[0.0; 2], [1e300, 0.0]], ("range", 0)),
+    ] {
+        assert_eq!(told(diagonal(w), q, r), expected);
+    }
 }

@@ -1,7 +1,6 @@
 //! The tests of the core, in one binary: faer is generic, and each binary would
 //! compile its kernels again.
 
-mod alart_curnier;
 mod amg;
 mod assembly;
 mod balance;

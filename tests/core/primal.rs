@@ -25,11 +25,9 @@ use bipot_rs::reduced::memory::Budget;
 use bipot_rs::solver::derivatives::tangent_system::ClosedLaw;
 use bipot_rs::solver::{Outcome, Settings};
 
-use rand::{RngExt, SeedableRng, rngs::StdRng};
-
 use crate::common::cases::difference;
 use crate::common::elasticity::{Assembled, Grid};
-use crate::common::{GO, bits, with_threads};
+use crate::common::{GO, bits, random, with_threads};
 
 /// A block on a block of the same section. The lower one is turned by half a turn around x, so
 /// that its contact face too is where its last coordinate is zero.
@@ -379,11 +377,6 @@ fn a_contact_needs_a_node_of_its_own() {
     );
 }
 
-fn numbers(count: usize, seed: u64) -> Vec<f64> {
-    let mut rng = StdRng::seed_from_u64(seed);
-    (0..count).map(|_| rng.random_range(-1.0..1.0)).collect()
-}
-
 /// Laws of contacts with these statuses, with random slips and reactions where they slide.
 fn laws_of(statuses: &[Status], compliance: f64, seed: u64) -> Vec<ClosedLaw<3>> {
     let mut laws = Vec::new();
@@ -394,7 +387,7 @@ fn laws_of(statuses: &[Status], compliance: f64, seed: u64) -> Vec<ClosedLaw<3>>
             Status::Open => continue,
             Status::Stick => by_v = Block::identity(),
             Status::Slip => {
-                let x = numbers(3, seed + position as u64);
+                let x = random(3, seed + position as u64);
                 let angle = 3.0 * x[0];
                 let (slip, pressed) = (compliance * (1.1 + x[1]), 1.1 + x[2]);
                 let p = [angle.cos(), angle.sin()];
@@ -445,12 +438,9 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
         let n = problem.order();
         // In units in which A and the laws are of one size.
         let unit = problem.contacts.compliance.block(0)[(0, 0)];
-        let s: Vec<[f64; 3]> = numbers(3 * laws.len(), seed + 3)
-            .as_chunks::<3>()
-            .0
-            .to_vec();
+        let s: Vec<[f64; 3]> = random(3 * laws.len(), seed + 3).as_chunks::<3>().0.to_vec();
         let s: Vec<[f64; 3]> = s.iter().map(|s| s.map(|s| unit * s)).collect();
-        let g = mask(numbers(n, seed + 4));
+        let g = mask(random(n, seed + 4));
         let (mut dr, mut dy, mut hierarchy) = (s.clone(), g.clone(), None);
         let mut step = LinearisedStep::new(&problem, &laws).unwrap();
         assert!(step.solve(&mut dr, &mut dy, &mut hierarchy, &GO).unwrap());
@@ -485,11 +475,8 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
         assert!(balance <= 1e-9 * size(&product), "{balance:e}");
 
         // ⟨(ρ, e), M⁻¹ (s, g)⟩ = ⟨M⁻ᵀ (ρ, e), (s, g)⟩.
-        let rho: Vec<[f64; 3]> = numbers(3 * laws.len(), seed + 5)
-            .as_chunks::<3>()
-            .0
-            .to_vec();
-        let e = mask(numbers(n, seed + 6))
+        let rho: Vec<[f64; 3]> = random(3 * laws.len(), seed + 5).as_chunks::<3>().0.to_vec();
+        let e = mask(random(n, seed + 6))
             .iter()
             .map(|e| e / unit)
             .collect::<Vec<_>>();

@@ -397,22 +397,6 @@ fn pivoting_on_ties_does_not_cycle() {
 }
 
 #[test]
-fn pivoting_in_space_refines_its_polygons() {
-    for seed in 0..10 {
-        for mu in [0.2, 0.7, 2.0] {
-            let case = Case::<3>::held(10, mu, seed);
-            let solution = case.solve(Method::Pivoting);
-            assert_eq!(solution.outcome, Outcome::Converged, "{seed} {mu}");
-            let reference = case.solve(Method::Auto);
-            // Unique at these μ, or the same by this path.
-            if mu < 1.0 {
-                assert!(difference(&solution.reaction, &reference.reaction) <= 1e-9);
-            }
-        }
-    }
-}
-
-#[test]
 fn bodies_held_by_contact_alone_are_refused_by_name() {
     let case = Case::<2>::floating(6, 0.4, 0.5, 1);
     for (name, method) in Method::NAMES {

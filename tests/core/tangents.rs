@@ -15,16 +15,11 @@ use bipot_rs::solver::derivatives::tangent_system::{ClosedLaw, FactoredTangent, 
 use bipot_rs::solver::{Method, Solution};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::common::GO;
 use crate::common::cases::{Case, compliance, coulomb};
+use crate::common::{GO, random};
 
 /// Systems of some dozen unknowns, with conditions of some thousands at the most.
 const ROUNDING: f64 = 1e-11;
-
-fn random(count: usize, seed: u64) -> Vec<f64> {
-    let mut rng = StdRng::seed_from_u64(seed);
-    (0..count).map(|_| rng.random_range(-1.0..1.0)).collect()
-}
 
 /// Laws with any coefficients of some contacts; a sticking one has `dv = s`.
 fn any_laws<const D: usize>(positions: &[usize], sticks: &[usize], seed: u64) -> Vec<ClosedLaw<D>> {
@@ -48,7 +43,7 @@ fn any_laws<const D: usize>(positions: &[usize], sticks: &[usize], seed: u64) ->
     positions.iter().map(law).collect()
 }
 
-/// `M x` and `Mᵀ x` of (33), written out with the problem's own products.
+/// `M x` of (33), written out with the problem's own products.
 fn product<const D: usize>(problem: &Reduced<D>, laws: &[ClosedLaw<D>], x: &[f64]) -> Vec<f64> {
     let (own, amounts) = x.split_at(D * laws.len());
     let mut r = vec![[0.0; D]; problem.contacts()];
@@ -65,30 +60,6 @@ fn product<const D: usize>(problem: &Reduced<D>, laws: &[ClosedLaw<D>], x: &[f64
     };
     let mut found: Vec<f64> = laws.iter().flat_map(of).collect();
     found.extend(work(problem, &r));
-    found
-}
-
-fn transposed_product<const D: usize>(
-    problem: &Reduced<D>,
-    laws: &[ClosedLaw<D>],
-    x: &[f64],
-) -> Vec<f64> {
-    let (own, amounts) = x.split_at(D * laws.len());
-    let mut pulled = vec![[0.0; D]; problem.contacts()];
-    for (law, w) in laws.iter().zip(own.as_chunks::<D>().0) {
-        pulled[law.position] = law.by_v.tr_mul(&Vector::from(*w)).into();
-    }
-    let mut moved = vec![[0.0; D]; pulled.len()];
-    problem.compliance.transposed_product(&pulled, &mut moved);
-    problem.add_rigid(amounts, &mut moved);
-    let of = |(law, w): (&ClosedLaw<D>, &[f64; D])| {
-        let row: [f64; D] =
-            (law.by_r.tr_mul(&Vector::from(*w)) + Vector::from(moved[law.position])).into();
-        row
-    };
-    let parts = laws.iter().zip(own.as_chunks::<D>().0);
-    let mut found: Vec<f64> = parts.flat_map(of).collect();
-    found.extend(work(problem, &pulled));
     found
 }
 
@@ -126,16 +97,19 @@ fn solves<const D: usize>(
     close(&product(problem, laws, &x), &right, ROUNDING);
     let mut w = right.clone();
     system.solve_transposed(&mut w);
-    close(&transposed_product(problem, laws, &w), &right, ROUNDING);
-    // ⟨y, M⁻¹ b⟩ = ⟨M⁻ᵀ y, b⟩.
-    let other = random(n, seed + 1);
-    let mut y = other.clone();
-    system.solve_transposed(&mut y);
-    let terms = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).collect::<Vec<_>>();
-    let (one, two) = (terms(&other, &x), terms(&y, &right));
-    let size: f64 = one.iter().chain(&two).map(|x| x.abs()).sum();
-    let apart = one.iter().sum::<f64>() - two.iter().sum::<f64>();
-    assert!(apart.abs() <= ROUNDING * size, "{apart:e} of {size:e}");
+    let unit = |k: usize| {
+        (0..n)
+            .map(|i| f64::from(u8::from(i == k)))
+            .collect::<Vec<_>>()
+    };
+    let along = |k: usize| {
+        product(problem, laws, &unit(k))
+            .iter()
+            .zip(&w)
+            .map(|(m, w)| m * w)
+            .sum()
+    };
+    close(&(0..n).map(along).collect::<Vec<f64>>(), &right, ROUNDING);
 }
 
 fn held_and_floating<const D: usize>(seed: u64) {
