@@ -50,7 +50,10 @@ def both(ranks: int, *run: str, cwd: Path) -> tuple[bp.Result, bp.Result]:
     run = ("run", *run, "--tol", "1e-12", "--json")
     # First, because it is skipped without PETSc.
     done = bipot(ranks, *run, *PETSC, cwd=cwd)
-    assert done.status == 0, done.output + done.errors
+    assert (done.status, done.errors) == (0, ""), done.output + done.errors
+    *lines, last = done.lines  # each is printed once
+    assert [line["step"] for line in lines] == list(range(len(lines)))
+    assert (last["success"], last["ranks"], last["steps"]) == (True, ranks, len(lines))
     alone = children.bipot(*run, "--engine", "direct", "--out", "one", cwd=cwd)
     assert alone.returncode == 0, alone.stderr
     single, several = (bp.load(cwd / name / RESULT) for name in ("one", "here"))
@@ -227,7 +230,7 @@ def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> No
     ],
     ids=["two blocks", "mortar", "plane", "rigid set"],
 )
-@pytest.mark.quick_variants("mortar", "rigid set")
+@pytest.mark.quick_variants("mortar")
 def test_shipped_scenes(run: tuple[str, ...], tmp_path: Path) -> None:
     single, several = both(2, *run, cwd=tmp_path)
     assert changed(several.reaction, single.reaction) <= CLOSE
@@ -327,24 +330,15 @@ def compare(whole: meshio.Mesh, piece: meshio.Mesh) -> None:
 @pytest.mark.parametrize(
     "run", [many_ranks.bipot_with, many_ranks.bipot], ids=["no mpirun", "mpirun"]
 )
+@pytest.mark.quick_variants("no mpirun")
 def test_one_rank(run: Any, tmp_path: Path) -> None:
-    """The files are those of any other run."""
-    ranks = int(run is bipot)
-    done = run(ranks, "run", "sheared_cube", "--set", "mesh.n=3", *PETSC, cwd=tmp_path)
-    assert done.status == 0, done.errors
-    assert (tmp_path / "here" / "result_0001.vtu").exists()
-    assert len(bp.load(tmp_path / "here" / RESULT)) == 2
-
-
-def test_the_engine_of_a_scene(tmp_path: Path) -> None:
+    """The files are those of any other run; the scene names the engine."""
     file = scene(tmp_path, SCENES["block"] + '[solver]\nengine = "petsc"\n')
-    done = bipot(2, "run", file, "--json", "--out", "here", cwd=tmp_path)
+    done = run(int(run is bipot), "run", file, "--out", "here", cwd=tmp_path)
     assert done.status == 0, done.errors
-    # Lines of JSON are printed once.
-    *steps, last = done.lines
-    assert [line["step"] for line in steps] == list(range(3))
-    assert (last["success"], last["ranks"], last["dofs"]) == (True, 2, 180)
-    assert done.errors == ""
+    assert (tmp_path / "here" / "result_0002.vtu").exists()
+    assert preconditioner(tmp_path)
+    assert len(bp.load(tmp_path / "here" / RESULT)) == 3
 
 
 # Kills a rank in the fourth load step.
@@ -392,6 +386,7 @@ def soon(done: Run, status: int, *words: str) -> None:
         (("sheared_cube", "--set", "solver.max_iterations=1", *PETSC), 3, ""),
     ],
 )
+@pytest.mark.quick_variants("*-nothing", "*-3-")
 def test_errors_of_all_ranks(
     arguments: tuple[str, ...], status: int, words: str, tmp_path: Path
 ) -> None:
@@ -424,6 +419,7 @@ REMEDY = "use engine='direct' or 'iterative'"
     ],
     ids=["free", "frames", "loaded obstacle"],
 )
+@pytest.mark.quick_variants("frames")
 def test_scenes_that_are_refused(
     text: str, status: int, words: tuple[str, ...], tmp_path: Path
 ) -> None:
@@ -440,6 +436,7 @@ it.read_mesh = other
 """
 
 
+@pytest.mark.slow
 def test_a_rank_without_its_mesh(repository: Path, tmp_path: Path) -> None:
     file = str(repository / "examples" / "scenes" / "gmsh_two_bodies.toml")
     done = bipot_with(2, "run", file, *PETSC, cwd=tmp_path, fault=MESH)
@@ -554,8 +551,8 @@ def test_a_killed_rank(rank: int, tmp_path: Path) -> None:
     assert changed(loaded.displacement, whole.displacement) <= CLOSE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.quick_variants("2")
 def test_a_signal_to_mpirun(number: signal.Signals, tmp_path: Path) -> None:
     slow = AT_STEP.format(step=4, what="time.sleep(100)")
     process = many_ranks.started(2, *LONG, cwd=tmp_path, fault=slow)

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from bipot_rs import analytic, scene
+from bipot_rs import scene
 from bipot_rs.scene.schema.mesh import Axis
 from support import places
 from support.comparisons import near, refused
@@ -99,33 +99,6 @@ def test_second_route(
     # Both residuals are below 1e-12; the conditions of W here are below 1e4.
     error = traction_error(result.reaction[:, order], peer["R"], peer["area"])
     assert np.all(error <= 1e-8), error
-
-
-def test_cattaneo_mindlin_approaches_the_closed_form() -> None:
-    """Pressure and shear of two equal round bodies, for the discrete load."""
-    n, radius, mu = 20, 100.0, 0.3
-    case, result = solve("cattaneo_mindlin", f"mesh.n={n}")
-    e_star = analytic.contact_modulus(210000.0, 0.3, 210000.0, 0.3)
-    x = case.model.points[:, 0]
-    p, q = (result.reaction[-1] / case.model.area[:, None]).T
-    P, Q = result.reaction[-1].sum(axis=0)
-    a, c, p0 = analytic.cattaneo_mindlin_line(P, abs(Q), radius, e_star, mu)
-    exact_p = analytic.hertz_pressure(x, a, p0)
-    exact_q = np.sign(Q) * analytic.partial_slip_traction(x, a, c, p0, mu)
-    # At n = 40 the errors 0.3 % and 0.9 % come from the finite blocks. At n = 20 the ends of
-    # the zones, where the tractions are square roots, are resolved to h/2 = 0.0125 for
-    # a = 1: √(0.025) of the peak over two cells, 1 % in the mean square.
-    assert np.linalg.norm(p - exact_p) <= 0.01 * np.linalg.norm(exact_p)
-    assert np.linalg.norm(q - exact_q) <= 0.03 * np.linalg.norm(exact_q)
-    # Open outside, slip in a ring, stick in the middle.
-    status = result.status[-1][np.argsort(x)]
-    middle = len(x) // 2
-    assert status[middle] == 2
-    assert status[0] == status[-1] == 0
-    assert np.all(np.diff(status[: middle + 1]) >= 0)
-    assert np.all(np.diff(status[middle:]) <= 0)
-    stuck = np.abs(x[result.status[-1] == 2])
-    assert stuck.max() == pytest.approx(c, abs=1.5 * 0.5 / n)
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,12 @@
-"""Every step of the scenes: all forms of the law, and the bifunctional."""
-
-from typing import Any
+"""Every step of the scenes: all forms of the law."""
 
 import numpy as np
 import pytest
 
-import bipot_rs as bp
 from bipot_rs import scene
 from bipot_rs.theory import law as laws
-from bipot_rs.theory.functionals import Functionals, of_problem
 
-pytestmark = [pytest.mark.needs_extra, pytest.mark.xdist_group("theory_scenes")]
+pytestmark = pytest.mark.needs_extra
 SCENES = [
     ("pressed_block", 8, {0, 1, 2}),
     ("sheared_cube", 3, {1, 2}),
@@ -19,27 +15,15 @@ SCENES = [
     ("cyclic_cube", 3, {1, 2}),
     ("raous_plate", 8, {0, 1, 2}),
 ]
-Solved = tuple[Any, bp.ContactProblem, bp.Result]
 
 
-@pytest.fixture(scope="module", params=SCENES, ids=lambda row: row[0])
-def solved(request: pytest.FixtureRequest) -> Solved:
-    name, n, found = request.param
+@pytest.mark.parametrize(("name", "n", "found"), SCENES)
+def test_every_form_of_the_law_holds(name: str, n: int, found: set[int]) -> None:
+    """Each step starts from the state at the end of the step before."""
     whole = scene.read(name, [f"mesh.n={n}"])
     case = scene.assemble(whole, scene.bodies(whole))
-    problem = case.model.problem()
-    result = problem.solve(case.load, case.prescribed, tol=1e-14)
+    result = case.model.problem().solve(case.load, case.prescribed, tol=1e-14)
     assert set(result.status.ravel().tolist()) == found
-    return case.model.K, problem, result
-
-
-def some_steps(result: bp.Result) -> set[int]:
-    return {0, 1, len(result) // 2, len(result) - 1} & set(range(len(result)))
-
-
-def test_every_form_of_the_law_holds(solved: Solved) -> None:
-    """Each step starts from the state at the end of the step before."""
-    _, _, result = solved
     for k, step in enumerate(result):
         law, du, dt = laws.step_of(result, k)
         assert bool(np.any(law.start.reaction != 0)) == (k > 0)
@@ -54,21 +38,3 @@ def test_every_form_of_the_law_holds(solved: Solved) -> None:
             assert residual(law, du, dt, rho).max() <= 1e-11 * whole, (k, form)
         for form, verdict in laws.verdicts(law, du, dt, rho).items():
             assert verdict.all(), (k, form)
-
-
-def test_the_bifunctional_vanishes(solved: Solved) -> None:
-    K, problem, result = solved
-    for k in some_steps(result):
-        u, r = result[k].displacement, result[k].reaction
-        # Increments are differences of totals, and B is a difference of energies. Each is a sum
-        # of some hundred products with as many roundings, most of which cancel.
-        small = 2e-13 * (u @ (K @ u))
-        for increments in (False, True):
-            f = Functionals.of_step(
-                of_problem(problem, K), result, k, increments=increments
-            )
-            if increments and k:
-                u, r = u - result[k - 1].displacement, r - result[k - 1].reaction
-            assert abs(f.excess(u, r)) <= small
-            assert abs(f.bifunctional(u, r) + f.start_work) <= small
-            assert abs(f.start_work) <= small

@@ -67,33 +67,8 @@ def problem(g: Good = G, **changed: Any) -> bp.ContactProblem:
     return bp.ContactProblem(**given | changed)
 
 
-def path(g: Good, **more: Any) -> dict[str, Any]:
-    """The loads of a step."""
-    return {"load": g.load, "prescribed": g.prescribed} | more
-
-
-def solve(g: Good = G, **changed: Any) -> bp.Result:
-    return problem(g).solve(**path(g, **changed))
-
-
-def step(g: Good = G, **changed: Any) -> bp.ReducedProblem:
-    return problem(g).reduced(**{"load": g.load} | changed)
-
-
 def reduced(g: Good = G, **changed: Any) -> bp.ReducedProblem:
     return bp.ReducedProblem(**{"W": g.W, "q": g.q, "mu": g.mu} | changed)
-
-
-def reduced_solve(g: Good = G, **changed: Any) -> bp.Solution:
-    return reduced(g).solve(**changed)
-
-
-def residual(g: Good = G, **changed: Any) -> float:
-    return reduced(g).residual(**{"r": g.q} | changed)
-
-
-def answers(g: Good = G, **changed: Any) -> Any:
-    return reduced(g).answers(**changed)
 
 
 def whole(g: Good = G, **changed: Any) -> bp.fclib.GlobalProblem:
@@ -101,41 +76,13 @@ def whole(g: Good = G, **changed: Any) -> bp.fclib.GlobalProblem:
     return bp.fclib.GlobalProblem(**given | changed)
 
 
-def whole_residual(g: Good = G, **changed: Any) -> float:
-    return whole(g).residual(**{"r": g.q} | changed)
-
-
-def velocity(g: Good = G, **changed: Any) -> Any:
-    return whole(g).velocity(**{"solution": g.q} | changed)
-
-
 def project(g: Good = G, **changed: Any) -> Any:
     return bp.project(**{"tau": g.q, "mu": g.mu} | changed)
-
-
-def follow(g: Good = G, **changed: Any) -> Any:
-    return problem(g).follow(**path(g, **changed))
 
 
 def wear(g: Good = G, **changed: Any) -> Any:
     given = {"load": [g.load, -g.load], "coefficient": 1e-9, "cycles": 3}
     return problem(g, area=[1.0, 1.0]).wear(**given | changed)
-
-
-def jvp(g: Good = G, **changed: Any) -> Any:
-    return solve(g).jvp(**changed)
-
-
-def vjp(g: Good = G, **changed: Any) -> Any:
-    return solve(g).vjp(**changed)
-
-
-def reduced_jvp(g: Good = G, **changed: Any) -> Any:
-    return reduced(g).solve().jvp(**changed)
-
-
-def reduced_vjp(g: Good = G, **changed: Any) -> Any:
-    return reduced(g).solve().vjp(**changed)
 
 
 def state(_: Good = G, **changed: Any) -> bp.State:
@@ -153,15 +100,30 @@ def few_digits(g: Good = G, **changed: Any) -> bp.ContactProblem:
     return problem(g, **{"coordinates": at, "stiffness_rtol": 1e-8} | changed)
 
 
-def save(g: Good = G, **changed: Any) -> Any:
-    return solve(g).save(**changed)
-
-
-def write(g: Good = G, **changed: Any) -> Any:
-    return solve(g).write(**changed)
-
-
 Call = Callable[..., Any]
+
+
+def method(name: str, make: Call, **given: str) -> Call:
+    """A method of what ``make`` makes; ``given`` are the fields that it takes."""
+
+    def call(g: Good = G, **changed: Any) -> Any:
+        fields = {argument: getattr(g, field) for argument, field in given.items()}
+        return getattr(make(g), name)(**fields | changed)
+
+    call.__name__ = f"{make.__name__} {name}"
+    return call
+
+
+solve, follow = (
+    method(name, problem, load="load", prescribed="prescribed")
+    for name in ("solve", "follow")
+)
+step = method("reduced", problem, load="load")
+reduced_solve, answers = method("solve", reduced), method("answers", reduced)
+residual, whole_residual = (method("residual", it, r="q") for it in (reduced, whole))
+velocity = method("velocity", whole, solution="q")
+jvp, vjp, save, write = (method(k, solve) for k in ("jvp", "vjp", "save", "write"))
+reduced_jvp, reduced_vjp = (method(name, reduced_solve) for name in ("jvp", "vjp"))
 
 
 def refused(

@@ -144,24 +144,6 @@ def test_reduced_problems_report_instead() -> None:
     assert 1e-17 < solve(tol=1e-300).tolerance < 1e-13
 
 
-def test_statuses_at_the_borders() -> None:
-    """A tie is stick; without friction a pressed node slips; the vertex is open."""
-    for tau, mu, status in (
-        ([2.0, 1.0], 0.5, bp.Status.STICK),
-        ([1.0, 0.0, 0.0], 0.0, bp.Status.SLIP),
-        ([0.0, 0.0], 0.0, bp.Status.OPEN),
-        ([0.0, 0.0], 0.5, bp.Status.OPEN),
-        ([-1.0, 0.0], 0.5, bp.Status.OPEN),
-    ):
-        _, found = bp.project(np.array([tau]), mu)
-        assert found.tolist() == [status]
-        assert found.dtype == np.int8
-    open_ = bp.ReducedProblem(W, np.ones((2, 2)), 0.3).solve()
-    assert (open_.reaction == 0).all()
-    assert (open_.status == bp.Status.OPEN).all()
-    assert open_.residual == 0.0
-
-
 def test_arrays_of_results() -> None:
     result = problem().solve(LOAD)
     for array in (result.reaction, result.relative_displacement, result.slip):

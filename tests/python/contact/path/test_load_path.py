@@ -9,12 +9,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs import analytic
 from bipot_rs.contact.path.direct import DirectRecovery
 from bipot_rs.contact.results.solution import recover_displacements
-from support.bars import lost
-from support.contacts import TOL, one_node
-from support.methods import METHODS
+from support.contacts import TOL
 
 Array = NDArray[np.float64]
 SLIP = bp.Status.SLIP
@@ -42,23 +39,6 @@ def test_a_path_that_closes_ends_without_forces() -> None:
     # A load of 1e-15 of the largest; the condition of K is below 10.
     assert np.abs(result.reaction[-1]).max() <= 1e-14 * np.abs(path).max()
     assert np.abs(result.slip).max() > 1e-3
-
-
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("steps", [8, 32])
-def test_a12_rotating_load_by_every_method(steps: int, method: str) -> None:
-    k, limit, force = 2.0, 0.5, 0.8
-    radius, loss = analytic.rotating_load(k, force, limit, steps)
-    angle = np.arange(1, 3 * steps + 1) * 2 * math.pi / steps
-    load = np.column_stack(
-        [np.full_like(angle, -1.0), force * np.cos(angle), force * np.sin(angle)]
-    )
-    result = one_node(load, 0.5, stiffness=np.diag([3.0, k, k]), method=method)
-    # The transient shrinks by a fixed factor per radian. At the end of the third turn it is
-    # below 1e-8, for one method at every number of steps.
-    last = np.linalg.norm(result.displacement[-1, 1:])
-    assert last == pytest.approx(radius, rel=1e-8)
-    assert lost(result)[-steps:].sum() == pytest.approx(loss, rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -490,7 +490,7 @@ def load_at_its_limit(rng: np.random.Generator, d: int) -> tuple[Array, Array, A
 def test_the_largest_multiple_beside_a_load_at_its_limit_is_decided(d: int) -> None:
     """From both sides, whatever the live load: the multiplier is often zero."""
     decided = 0
-    for seed in range(30):
+    for seed in range(15):
         rng = np.random.default_rng(seed)
         R, e0, mu = load_at_its_limit(rng, d)
         limit = rigid(R, e0, mu, d).limit_multiplier(e0, e1 := rng.normal(size=len(e0)))
@@ -503,7 +503,7 @@ def test_the_largest_multiple_beside_a_load_at_its_limit_is_decided(d: int) -> N
             above = e0 + (limit.upper + 1e-6) * e1
             assert rigid(R, above, mu, d).equilibrium().verdict != "balanced", seed
             decided += 1
-    assert decided > 10
+    assert decided > 4
 
 
 def draw_cohesive(rng: np.random.Generator, walls: int) -> tuple[Array, ...]:

@@ -158,26 +158,20 @@ SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(75), pytest.param(range(75, 20_500), marks=SLOW)]
+    "seeds", [range(45), pytest.param(range(45, 20_500), marks=SLOW)]
 )
 def test_verdicts_agree(seeds: range) -> None:
     seen: Counter[str] = Counter()
     for seed in seeds:
         check(small_problem(seed), seen)
-    assert seen["exists"] > 50
-    assert seen["absent"] > 10
+    assert seen["exists"] > 25
+    assert seen["absent"] > 5
     assert seen["bound global"] > 0
-    assert seen["bound local"] > 15
+    assert seen["bound local"] > 8
 
 
 @pytest.mark.parametrize(
-    "seeds",
-    [
-        range(10),
-        range(50, 60),
-        *(pytest.param(range(k, k + 10), marks=SLOW) for k in range(10, 50, 10)),
-        pytest.param(range(60, 1060), marks=SLOW),
-    ],
+    "seeds", [range(10), pytest.param(range(10, 1060), marks=SLOW)]
 )
 def test_verdicts_agree_on_sliders(seeds: range) -> None:
     """The same for bodies that friction alone holds, by every method that accepts them."""
@@ -189,7 +183,7 @@ def test_verdicts_agree_on_sliders(seeds: range) -> None:
 
 @pytest.mark.parametrize(
     ("seeds", "count"),
-    [(range(120), 100), pytest.param(range(120, 12_000), 10_000, marks=SLOW)],
+    [(range(60), 50), pytest.param(range(60, 12_000), 10_000, marks=SLOW)],
 )
 def test_local_verdicts_hold(seeds: range, count: int) -> None:
     """Local verdicts near solutions of one to three contacts, compared with all solutions."""

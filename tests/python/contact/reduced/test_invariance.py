@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
 from support.bodies import Body, block
@@ -66,34 +64,6 @@ def test_units_that_are_powers_of_two_change_no_bit(power_s: int, power_l: int) 
     for name in (*units, "status", "iterations", "residual"):
         scaled = getattr(original, name) * units.get(name, 1)
         assert np.array_equal(getattr(other, name), scaled), name
-
-
-def test_h15_rotation_of_the_scene() -> None:
-    body, fixed, path = pressed_cube()
-    original = solve(body, fixed, path)
-    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
-    # u' = Q u node by node, so K' = Q K Qᵀ and B' = B Qᵀ: the contact frames rotate with
-    # the scene. Prescribed values become prescribed values of all three components.
-    nodes = body.basis.nodal_dofs
-    Q = sparse.lil_array(body.K.shape)
-    for i in range(3):
-        for j in range(3):
-            Q[nodes[i], nodes[j]] = turn[i, j]
-    Q = sparse.csr_array(Q)
-    K = sparse.csr_array(Q @ body.K @ Q.T)
-    K = (K + K.T) / 2
-    count = fixed.size // 3
-    turned = (turn @ path.reshape(3, 3, count)).reshape(3, -1)
-    problem = bp.ContactProblem(
-        K, sparse.csr_array(body.B @ Q.T), gap=uneven_gap(body), mu=MU, fixed=fixed
-    )
-    other = problem.solve(None, turned, tol=1e-12)
-    size = np.abs(original.reaction).max()
-    # K is rounded again: ε times the condition of the cube, about 1e3, and η.
-    np.testing.assert_allclose(
-        other.reaction, original.reaction, rtol=0, atol=1e-10 * size
-    )
-    assert np.array_equal(other.status, original.status)
 
 
 def test_projection_is_the_same_on_any_number_of_threads(
