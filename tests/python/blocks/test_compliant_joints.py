@@ -56,7 +56,7 @@ def test_a_wall_is_solved_without_dense_motions(mu: float) -> None:
     order = np.random.default_rng(1).permutation(n)
     rows = (d * order[:, None] + np.arange(d)).ravel()
     W = wall.W.tocsr()[rows][:, rows]
-    for force, length in [(1.0, 1.0), (1e6, 1e-6), (1e-6, 1e6)]:
+    for force, length in [(1e6, 1e-6), (1e-6, 1e6)]:
         other = bp.ReducedProblem(
             W * (length / force), wall.q[order] * length, mu, rigid=(R[rows], e * force)
         )

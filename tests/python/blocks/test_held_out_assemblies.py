@@ -119,6 +119,7 @@ TURN = np.array([[0.6, 0.64, 0.48], [-0.8, 0.48, 0.36], [0.0, -0.6, 0.8]])
     ids=lambda x: x if isinstance(x, str) else None,
 )
 @pytest.mark.parametrize("turned", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow_variants("*-balanced2")
 def test_an_assembly_is_decided(
     build: Callable[[], Sequence[Block]], mu: float, verdict: str, turned: bool
 ) -> None:
