@@ -1,7 +1,6 @@
 //! Properties of the law: geometry of the projection, the bipotential, and the one-node problem.
 
 #![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
-#![expect(clippy::cast_precision_loss, reason = "dimensions are 2 and 3")]
 
 use crate::common::minus;
 use bipot_rs::law::bipotential::{corrected, gap};

@@ -201,16 +201,14 @@ fn rows_columns_and_mirror_images_are_those_of_the_dense_matrix() {
 fn broken_patterns_are_named() {
     let (ones, mut wrong) = ([1.0; 8], [1.0; 8]);
     wrong[6] = f64::NAN;
-    let cases: [([usize; 3], &[usize], &[f64], &str); 4] = [
-        ([0, 1, 2], &[0, 2], &ones, "expected less than 2"),
-        ([0, 2, 1], &[0], &ones[..4], "row 1"),
-        ([0, 1, 2], &[0, 1], &ones[..4], "has length 1, expected 2"),
-        ([0, 1, 2], &[0, 1], &wrong, "row 3, column 2"),
-    ];
-    for (start, column, values, words) in cases {
+    let named = |start: [usize; 3], column: &[usize], values: &[f64], words: &str| {
         let refused = Blocks::<2>::new(&start, column, values).unwrap_err();
         assert!(refused.to_string().contains(words), "{refused}: {words}");
-    }
+    };
+    named([0, 1, 2], &[0, 2], &ones, "expected less than 2");
+    named([0, 2, 1], &[0], &ones[..4], "row 1");
+    named([0, 1, 2], &[0, 1], &ones[..4], "has length 1, expected 2");
+    named([0, 1, 2], &[0, 1], &wrong, "row 3, column 2");
 }
 
 #[test]
