@@ -453,17 +453,31 @@ class PreparedStiffness:
             if on_forecast is not None:
                 on_forecast({**counts.as_dict(), "engine": name, "engine_reason": why})
 
-        try:
-            condensed = _core.Condensed(
+        def condense(
+            loads: list[Loads] | None,
+            before: _core.Condensed | None,
+            on_forecast: object = None,
+        ) -> _core.Condensed:
+            # All loads are known before a working set could grow.
+            known = self._loads is not None or not self._contacts.law.is_coulomb
+            return _core.Condensed(
                 parts,
                 *self._arguments(),
-                self._loads,
+                loads,
                 options.memory_limit,
-                options.working_set if self._contacts.law.is_coulomb else False,
+                False if known else options.working_set,
                 before,
                 None if on_forecast is None else tell,
                 options.kinematics,
             )
+
+        try:
+            condensed = condense(self._loads, before, on_forecast)
+            counts = condensed.stats
+            if not counts.keeps_digits and not counts.factor_kept:
+                # The steps are corrected with K: beside the body that has lost digits, and
+                # keeps its factor, this needs the factors of the others.
+                condensed = condense(None, condensed)
         except (FloatingBodyError, ValueError) as error:
             raise self._explain(error, parts) from None
         self.seconds = time.perf_counter() - started

@@ -97,6 +97,27 @@ def test_bodies_that_keep_their_factor() -> None:
     assert problem(**slender, loads=beam.weight([0.0, -1.0])).stats["cond_S"] > 1e6
 
 
+def test_a_body_without_a_factor_beside_one_that_has_lost_digits() -> None:
+    """Corrections with K need the displacements of both."""
+    beam = block([1.0, 0.01], [100, 2], 100.0, 0.3)
+    ends = np.concatenate([beam.dofs(0, 0.0, k) for k in range(2)])
+    n = BODY.K.shape[0]
+    both = {
+        "K": sparse.block_diag([BODY.K, beam.K]),
+        "B": sparse.block_diag([BODY.B, beam.B]),
+        "gap": np.concatenate([BODY.gap, beam.gap + 1e-5]),
+        "fixed": np.concatenate([FIXED, n + ends]),
+        "area": None,
+    }
+    load = np.concatenate(
+        [uniform_shear(BODY, 0.2, [0.02]).ravel(), beam.weight([0.0, -1e-6])]
+    )
+    with_loads = problem(**both, loads=load)
+    assert not with_loads.stats["keeps_digits"]
+    assert with_loads.stats["factor_kept"]
+    assert bits(with_loads.solve(), problem(**both).solve(load))
+
+
 def test_updates_of_the_stiffness() -> None:
     """The same pattern needs no ordering; an update that fails changes nothing."""
     load, moved = steps()
