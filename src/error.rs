@@ -10,6 +10,8 @@
 //!
 //! [`Outcome`]: crate::solver::Outcome
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 /// What is wrong, and where.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -252,6 +254,14 @@ pub enum Error {
     /// The caller stopped the work.
     #[error("interrupted")]
     Interrupted,
+}
+
+/// Stops if `stop` is set.
+pub fn check_running(stop: &AtomicBool) -> Result<(), Error> {
+    if stop.load(Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
+    Ok(())
 }
 
 /// Checks the number of values of an argument.

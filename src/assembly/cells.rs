@@ -1,6 +1,6 @@
 //! The cells of a mesh of one kind: the nodes of each.
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 
 /// Nodes of cells, with the same number in each.
 #[derive(Clone, Debug)]
@@ -18,13 +18,7 @@ impl Cells {
         usize: TryFrom<T>,
     {
         let count = given.len() / corners.max(1);
-        if count * corners != given.len() {
-            return Err(Error::Shape {
-                what: "cells",
-                expected: count * corners,
-                found: given.len(),
-            });
-        }
+        check_length("cells", given.len(), count * corners)?;
         // The largest number is free to mark nodes that were not seen.
         let limit = u32::MAX as usize;
         if nodes > limit {

@@ -8,7 +8,7 @@
 //!
 //! the last for isotropic materials.
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 
 /// Shape functions of a kind of cell at the quadrature points of its reference cell.
 #[derive(Clone, Debug)]
@@ -28,14 +28,7 @@ impl<const D: usize> Reference<D> {
         corners: usize,
         thickness: f64,
     ) -> Result<Self, Error> {
-        let expected = weights.len() * D * corners;
-        if slopes.len() != expected {
-            return Err(Error::Shape {
-                what: "slopes",
-                expected,
-                found: slopes.len(),
-            });
-        }
+        check_length("slopes", slopes.len(), weights.len() * D * corners)?;
         let slopes = (0..weights.len() * corners).map(|at| {
             let (point, node) = (at / corners, at % corners);
             std::array::from_fn(|b| slopes[(point * D + b) * corners + node])
@@ -60,13 +53,7 @@ pub enum Law {
 impl Law {
     /// From all entries `C_kalb`, in this order of the indices.
     pub fn general<const D: usize>(tensor: &[f64]) -> Result<Self, Error> {
-        if tensor.len() != D.pow(4) {
-            return Err(Error::Shape {
-                what: "elasticity tensor",
-                expected: D.pow(4),
-                found: tensor.len(),
-            });
-        }
+        check_length("elasticity tensor", tensor.len(), D.pow(4))?;
         let mut terms = Vec::new();
         for (at, &value) in tensor.iter().enumerate() {
             let (k, a) = (at / D.pow(3), at / D.pow(2) % D);

@@ -1,6 +1,6 @@
 //! K of a mesh, in compressed rows.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, PoisonError};
 
 use crate::assembly::cells::Cells;
@@ -8,7 +8,7 @@ use crate::assembly::element::{Integrator, LANES, Law, Reference};
 use crate::assembly::pattern::Pattern;
 use crate::assembly::shapes::shapes;
 use crate::assembly::sum::add;
-use crate::error::Error;
+use crate::error::{Error, check_length, check_running};
 use crate::linalg::pages::zeros;
 use crate::tasks;
 
@@ -53,7 +53,7 @@ impl<const D: usize> Elastic<'_, D> {
         }
         let mut matrices = vec![0.0; size * chunk.min(cells.count())];
         for first in (0..cells.count()).step_by(chunk) {
-            interrupted(stop)?;
+            check_running(stop)?;
             let range = first..cells.count().min(first + chunk);
             let own = &mut matrices[..size * range.len()];
             self.matrices(own, |at| first + at)?;
@@ -64,18 +64,13 @@ impl<const D: usize> Elastic<'_, D> {
     }
 
     fn check(&self) -> Result<(), Error> {
-        let (cells, points) = (self.cells, self.points);
-        for (what, expected, found) in [
-            ("points", D * cells.nodes(), points.len()),
-            ("materials of cells", cells.count(), self.material.len()),
-        ] {
-            if found != expected && !(found == 0 && what != "points") {
-                return Err(Error::Shape {
-                    what,
-                    expected,
-                    found,
-                });
-            }
+        check_length("points", self.points.len(), D * self.cells.nodes())?;
+        if !self.material.is_empty() {
+            check_length(
+                "materials of cells",
+                self.material.len(),
+                self.cells.count(),
+            )?;
         }
         let limit = self.laws.len();
         let wrong = self.material.iter().position(|&material| material >= limit);
@@ -87,14 +82,7 @@ impl<const D: usize> Elastic<'_, D> {
                 limit,
             });
         }
-        if limit == 0 {
-            return Err(Error::Shape {
-                what: "materials",
-                expected: 1,
-                found: 0,
-            });
-        }
-        Ok(())
+        check_length("materials", limit.min(1), 1)
     }
 
     fn material(&self, cell: usize) -> usize {
@@ -170,13 +158,7 @@ pub fn sum_of_cells<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Vec<f64>, Error> {
     let size = (D * cells.corners()).pow(2);
-    if matrices.len() != size * cells.count() {
-        return Err(Error::Shape {
-            what: "matrices of cells",
-            expected: size * cells.count(),
-            found: matrices.len(),
-        });
-    }
+    check_length("matrices of cells", matrices.len(), size * cells.count())?;
     let mut values = zeros(D * D * pattern.blocks());
     let of = |cell: usize| &matrices[cell * size..][..size];
     sum::<D>(cells, pattern, of, &mut values, stop)?;
@@ -192,16 +174,9 @@ fn sum<'a, const D: usize>(
     stop: &AtomicBool,
 ) -> Result<(), Error> {
     for first in (0..cells.count()).step_by(CELLS) {
-        interrupted(stop)?;
+        check_running(stop)?;
         let range = first..cells.count().min(first + CELLS);
         add::<D>(pattern, cells, range, &matrix, values);
-    }
-    Ok(())
-}
-
-fn interrupted(stop: &AtomicBool) -> Result<(), Error> {
-    if stop.load(Ordering::Relaxed) {
-        return Err(Error::Interrupted);
     }
     Ok(())
 }

@@ -1,8 +1,8 @@
 //! Conjugate gradients with a preconditioner.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::parallel::{axpy, dot, norm, xpay};
 
 /// The result of conjugate gradients.
@@ -44,9 +44,7 @@ pub fn solve(
     let (mut z, mut p, mut q) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     let (mut last, mut across) = (1.0, 0.0);
     while !found.reached && found.products < most {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
+        check_running(stop)?;
         precondition(&r, &mut z);
         let along = dot(&r, &z);
         let beta = if found.products == 0 {

@@ -1,8 +1,8 @@
 //! GMRES with a preconditioner that may change from step to step, with restarts.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::krylov_triangle::KrylovTriangle;
 use crate::linalg::pages::zeros;
 use crate::linalg::parallel::{axpy, dot, largest, map, map2, norm};
@@ -70,9 +70,7 @@ pub fn solve(
         let goal = found.residual * left.powf((left.ln() / SPACE.ln()).ceil().max(1.0).recip());
         let mut space = Space::new(std::mem::take(&mut r), start);
         while space.directions.len() < limits.restart.max(1) && found.products < limits.most {
-            if stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
-            }
+            check_running(stop)?;
             precondition(&space.last, &mut z);
             let direction = rounded(&mut z);
             apply(&z, &mut w);

@@ -5,9 +5,9 @@
 //! thread, the columns to their right in tiles cut at fixed places: the bits do not depend on
 //! threads.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::dense;
 use crate::linalg::small::amax;
 use crate::tasks;
@@ -98,9 +98,7 @@ pub(crate) fn factor(
     let mut order: Vec<usize> = (0..n).collect();
     let mut odd = false;
     for first in (0..n).step_by(PANEL) {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
+        check_running(stop)?;
         let width = PANEL.min(n - first);
         let (left, right) = columns.split_at_mut((first + width) * n);
         let (done, panel) = left.split_at_mut(first * n);

@@ -5,9 +5,9 @@
 //! `L Lᵀ = M + E` with `‖E‖ ≤ (n + 1) u tr M / (1 − (n + 1) u)`, where `u` is half of
 //! `f64::EPSILON` [Rump 2006]. So for `M = A − s 1` with `s` above this bound, `L Lᵀ ≼ A`.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::dense;
 use crate::linalg::small::norm;
 
@@ -57,9 +57,7 @@ impl Lower {
         error: f64,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, Error> {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
+        check_running(stop)?;
         let trace: f64 = (0..n).map(|i| a[i * (n + 1)].abs()).sum();
         let shift = error + gamma(n) * trace;
         if !shift.is_finite() || !a.iter().all(|x| x.is_finite()) {

@@ -1,9 +1,9 @@
 //! The engine of one machine: our own multigrid, and flexible GMRES.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::law::cone::Status;
 use crate::linalg::amg::following::Following;
 use crate::linalg::flexible_gmres::{self, FlexibleSolution, Limits};
@@ -106,9 +106,7 @@ impl<'p, const D: usize> Local<'p, D> {
             },
             self.stop,
         )?;
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
+        check_running(self.stop)?;
         self.preconditioner.solved_in(solved.products);
         Ok(solved)
     }

@@ -274,7 +274,7 @@ fn bad_input_is_named() {
     at[4][1] = f64::INFINITY;
     let coordinates = Some(&at[..]);
     let refused = Symbolic::analyse(&body.view(), &[], &Options { coordinates }).unwrap_err();
-    assert!(matches!(refused, Error::NotFinite { index: 4, .. }));
+    assert!(matches!(refused, Error::NotFinite { index: 13, .. }));
 }
 
 /// A row in balance to 32 roundings of its terms, and a tenth of all forces.

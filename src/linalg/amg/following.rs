@@ -8,12 +8,12 @@
 
 use std::sync::atomic::AtomicBool;
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin;
-use crate::linalg::amg::hierarchy::{Kept, Made, failure, level, make_levels, omega, running};
+use crate::linalg::amg::hierarchy::{Kept, Made, failure, level, make_levels, omega};
 use crate::linalg::amg::inverse_diagonal::invert_node;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::multigrid::{Multigrid, check_lengths};
@@ -212,7 +212,7 @@ impl Kept {
         held: Option<&[bool]>,
         stop: &AtomicBool,
     ) -> Result<Change, Error> {
-        running(stop)?;
+        check_running(stop)?;
         let (b, own) = (self.matrix.b, &self.matrix);
         for &i in &change.nodes {
             let at = i as usize * b * b;
@@ -239,7 +239,7 @@ impl Kept {
             omega: omega(level.spectrum),
         };
         level.p.smooth(&of, Some(&reached.rows));
-        running(stop)?;
+        check_running(stop)?;
         galerkin::update(next, matrix, &level.p, &reached.coarse);
         next.replace_dead(&self.tentative.dead);
         for &i in &change.rows {

@@ -1,8 +1,8 @@
 //! Set-up of the levels.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::galerkin::galerkin;
@@ -21,15 +21,6 @@ use crate::linalg::amg::tuning;
 const MOST_LEVELS: usize = 30;
 pub(super) fn failure(reason: &'static str) -> Error {
     Error::Multigrid { reason }
-}
-
-/// Stops if `stop` is set.
-pub(super) fn running(stop: &AtomicBool) -> Result<(), Error> {
-    if stop.load(Ordering::Relaxed) {
-        Err(Error::Interrupted)
-    } else {
-        Ok(())
-    }
 }
 
 /// `ω` of a level, from the bound of its spectrum.
@@ -82,7 +73,7 @@ pub(super) fn level(
     spectrum: Option<f64>,
     stop: &AtomicBool,
 ) -> Result<(Made, BlockMatrix), Error> {
-    running(stop)?;
+    check_running(stop)?;
     let inverse = inverse_diagonal(matrix)
         .ok_or(failure("a diagonal entry is not positive, or not finite"))?;
     let spectrum = spectrum
@@ -94,7 +85,7 @@ pub(super) fn level(
         .ok_or(failure(
             "the spectrum of a level is not positive and finite",
         ))?;
-    running(stop)?;
+    check_running(stop)?;
     let aggregates = Aggregates::new(matrix, about);
     let unknowns = matrix.b() * matrix.nodes();
     let m = about.motions.len() / unknowns;
@@ -104,7 +95,7 @@ pub(super) fn level(
         ));
     }
     let tentative = Tentative::new(&aggregates, &about.motions, held, matrix.b(), m);
-    running(stop)?;
+    check_running(stop)?;
     let of = Smoothed {
         matrix,
         inverse: &inverse,
@@ -114,7 +105,7 @@ pub(super) fn level(
         omega: omega(spectrum),
     };
     let p = Prolongation::new(&of, m);
-    running(stop)?;
+    check_running(stop)?;
     let coarse = galerkin(matrix, &p);
     let made = Made {
         inverse,
@@ -144,7 +135,7 @@ pub(super) fn make_levels<T>(
         list.push(end(made, matrix));
         matrix = coarse;
     }
-    running(stop)?;
+    check_running(stop)?;
     if matrix.b * matrix.nodes() > 4 * tuning::dense_unknowns() {
         return Err(failure("the levels do not become coarser"));
     }

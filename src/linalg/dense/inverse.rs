@@ -1,12 +1,12 @@
 //! The inverse of a matrix from its Cholesky factor, in place.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use faer::linalg::matmul::triangular::BlockStructure;
 use faer::prelude::{IntoConst, Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par};
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::dense::kernels::{
     faer_matmul, solve_lower_triangular_in_place, triangular_matmul,
 };
@@ -33,9 +33,7 @@ fn invert_lower(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error>
     let mut turned = vec![0.0; n * n.min(PIVOTS)];
     let mut inverse = vec![0.0; n.min(PIVOTS).pow(2)];
     for i in (0..n).step_by(PIVOTS) {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
+        check_running(stop)?;
         let b = PIVOTS.min(n - i);
         let whole = MatMut::from_column_major_slice_mut(a, n, n);
         let (known, own) = whole.subcols_mut(0, i + b).split_at_row_mut(i);
@@ -102,9 +100,7 @@ fn invert_lower(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error>
 fn product_of_inverses(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error> {
     let mut corner = vec![0.0; n.min(PIVOTS).pow(2)];
     for i in (0..n).step_by(PIVOTS) {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
+        check_running(stop)?;
         let b = PIVOTS.min(n - i);
         let whole = MatMut::from_column_major_slice_mut(a, n, n);
         let (own, below) = whole

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::small::{Block, Vector};
 
 /// A square matrix of blocks, row by row, columns increasing in each row.
@@ -160,13 +160,7 @@ impl<const D: usize> Blocks<D> {
 
 fn check(start: &[usize], column: &[usize], blocks: usize) -> Result<(), Error> {
     let n = start.len().saturating_sub(1);
-    if column.len() != blocks {
-        return Err(Error::Shape {
-            what: "blocks of W",
-            expected: column.len(),
-            found: blocks,
-        });
-    }
+    check_length("blocks of W", blocks, column.len())?;
     let last = start.last().copied().unwrap_or_default();
     if start.first().is_some_and(|&first| first != 0) || last != column.len() {
         return Err(Error::SparseStructure { what: "W", row: 0 });

@@ -1,6 +1,6 @@
 //! Checked view of a symmetric sparse matrix.
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::union::Union;
 use crate::tasks;
 
@@ -59,19 +59,8 @@ impl<'a, I: Index> Symmetric<'a, I> {
         row_idx: &'a [I],
         values: &'a [f64],
     ) -> Result<Self, Error> {
-        let shape = |what, expected, found| {
-            Err(Error::Shape {
-                what,
-                expected,
-                found,
-            })
-        };
-        if col_ptr.len() != n + 1 {
-            return shape("column pointers of K", n + 1, col_ptr.len());
-        }
-        if values.len() != row_idx.len() {
-            return shape("values of K", row_idx.len(), values.len());
-        }
+        check_length("column pointers of K", col_ptr.len(), n + 1)?;
+        check_length("values of K", values.len(), row_idx.len())?;
         let broken = |row| Error::SparseStructure { what: "K", row };
         if col_ptr[0] != 0 {
             return Err(broken(0));
@@ -111,9 +100,7 @@ impl<'a, I: Index> Symmetric<'a, I> {
                 });
             }
         }
-        if col_ptr[n] != row_idx.len() {
-            return shape("row indices of K", col_ptr[n], row_idx.len());
-        }
+        check_length("row indices of K", row_idx.len(), col_ptr[n])?;
         Ok(Self {
             n,
             col_ptr,

@@ -10,10 +10,10 @@
 //!
 //! without any shift.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::dense::{factor_panel, mirror_upper, rank_update};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
 use crate::linalg::pages::{release, zeros};
@@ -296,9 +296,7 @@ impl<'a, 'l> FrontWork<'a, 'l> {
             }
             true
         });
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
+        check_running(self.stop)?;
         if let Some((_, error)) = inner(self.failure) {
             return Err(error);
         }
@@ -331,9 +329,7 @@ impl<'a, 'l> FrontWork<'a, 'l> {
         let mut waiting: Vec<(usize, usize)> = Vec::new();
         let mut from = 0;
         for f in task.fronts.clone() {
-            if self.stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
-            }
+            check_running(self.stop)?;
             let front = &self.symbolic.fronts[f];
             let len = front.layout().len();
             let panel = match &mut panels {

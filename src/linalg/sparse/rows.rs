@@ -1,6 +1,6 @@
 //! Sparse matrices by rows, borrowed or owned.
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::linalg::compensated::Sum;
 use crate::linalg::sparse::csc::Symmetric;
 
@@ -14,13 +14,7 @@ pub struct Rows<'a> {
 
 impl<'a> Rows<'a> {
     pub fn check(&self, what: &'static str, rows: usize, columns: usize) -> Result<(), Error> {
-        if self.row_ptr.len() != rows + 1 {
-            return Err(Error::Shape {
-                what,
-                expected: rows + 1,
-                found: self.row_ptr.len(),
-            });
-        }
+        check_length(what, self.row_ptr.len(), rows + 1)?;
         let entries = self.columns.len();
         let broken = |row: &usize| self.row_ptr[*row] > self.row_ptr[row + 1];
         let ends = self.row_ptr[0] == 0 && self.row_ptr[rows] == entries;

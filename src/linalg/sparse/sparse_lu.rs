@@ -7,7 +7,7 @@
 use std::borrow::Borrow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::error::Error;
+use crate::error::{Error, check_running};
 use crate::linalg::dense;
 use crate::linalg::lu;
 use crate::linalg::sparse::blocks::Blocks;
@@ -89,9 +89,7 @@ impl<A: Borrow<Analysis>> SparseLu<A> {
         let mut fronts = Vec::with_capacity(symbolic.fronts.len());
         let mut negative = false;
         for (f, front) in symbolic.fronts.iter().enumerate() {
-            if stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
-            }
+            check_running(stop)?;
             for (at, unknown) in unknowns(symbolic, front).enumerate() {
                 place[unknown] = at;
             }
@@ -282,10 +280,7 @@ impl EliminatedFront {
                 dense::lu_rest(lower, upper, np, rest);
             }
         });
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
-        Ok(())
+        check_running(stop)
     }
 
     /// Adds the update of a child, whose rows have these places.

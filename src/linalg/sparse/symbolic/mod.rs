@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use crate::error::Error;
+use crate::error::{Error, check_finite, check_length};
 use crate::linalg::packed::{Packed, Panel, Run};
 use crate::linalg::pages::zeros;
 use crate::linalg::sparse::csc::Symmetric;
@@ -184,7 +184,8 @@ impl Symbolic {
         check_sizes(k)?;
         let place = places_of_kept(n, kept)?;
         if let Some(at) = options.coordinates {
-            check_coordinates(at, n)?;
+            check_length("coordinates", at.len(), n)?;
+            check_finite("coordinates", at.as_flattened())?;
         }
         let pattern = SymbolicPattern::of(k);
         let nodes = SupervariableGraph::new(&pattern.col_ptr, &pattern.row_idx, kept, &place);
@@ -346,13 +347,7 @@ impl Plan {
 
     /// Whether `k` has the analysed pattern.
     pub(crate) fn check_pattern(&self, k: &Symmetric) -> Result<(), Error> {
-        if k.n() != self.n {
-            return Err(Error::Shape {
-                what: "K",
-                expected: self.n,
-                found: k.n(),
-            });
-        }
+        check_length("K", k.n(), self.n)?;
         let same = collect(self.n, |j| fingerprint(k, j) == self.fingerprints[j]);
         match same.iter().position(|&same| !same) {
             Some(row) => Err(Error::SparseStructure {
@@ -416,26 +411,6 @@ fn places_of_kept(n: usize, kept: &[usize]) -> Result<Vec<Option<u32>>, Error> {
         *slot = u32::try_from(position).ok();
     }
     Ok(place)
-}
-
-fn check_coordinates(at: &[[f64; 3]], n: usize) -> Result<(), Error> {
-    if at.len() != n {
-        return Err(Error::Shape {
-            what: "coordinates",
-            expected: n,
-            found: at.len(),
-        });
-    }
-    for (index, x) in at.iter().enumerate() {
-        if let Some(&value) = x.iter().find(|x| !x.is_finite()) {
-            return Err(Error::NotFinite {
-                what: "coordinates",
-                index,
-                value,
-            });
-        }
-    }
-    Ok(())
 }
 
 /// The order of the interior nodes with fewer operations, its tree, its name, and the seconds
