@@ -15,7 +15,7 @@ use crate::bodies::rank::{Combinations, SAME_BODY, keep_independent};
 use crate::bodies::resistance::{ROUNDING, measure_resistance};
 use crate::bodies::tuning;
 use crate::linalg::jacobi::{combine, orthogonalise};
-use crate::linalg::small::{amax, dot_long, norm};
+use crate::linalg::small::{add_scaled, amax, dot_long, norm};
 use crate::linalg::sparse::rows::OwnedMatrix;
 
 /// [`ROUNDING`] for a combination of motions, which adds the rounding of the rotations.
@@ -112,9 +112,7 @@ impl Geometry {
         let mut rest = motion.to_vec();
         for z in &rigid {
             let along = dot_long(z, motion) / dot_long(z, z);
-            for (value, z) in rest.iter_mut().zip(z) {
-                *value -= along * z;
-            }
+            add_scaled(&mut rest, -along, z);
         }
         norm(&rest) <= tuning::near_rigid() * norm(motion)
     }

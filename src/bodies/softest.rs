@@ -7,7 +7,7 @@ use crate::bodies::tuning;
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::{add_scaled, dot_long, norm, take_out};
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::linalg::sparse::symbolic::Symbolic;
@@ -48,9 +48,7 @@ impl Raised {
         for _ in 0..2 {
             let mut change = k.residual(x, &vec![0.0; x.len()]);
             self.solve(&mut change);
-            for (value, change) in x.iter_mut().zip(&change) {
-                *value += change;
-            }
+            add_scaled(x, 1.0, &change);
         }
     }
 }
@@ -85,10 +83,7 @@ impl DiagonalScaling {
                 }
                 scale(&mut x, length);
                 for q in &done {
-                    let along = dot_long(q, &x);
-                    for (value, a) in x.iter_mut().zip(q) {
-                        *value -= along * a;
-                    }
+                    let _ = take_out(&mut x, q);
                 }
                 lost |= norm(&x) < 1e-12;
             }
@@ -161,9 +156,7 @@ pub(super) fn iterate_on_contact_set(
         for _ in 0..2 {
             let mut left = k.residual(&x, &vec![0.0; x.len()]);
             solve_interior(factor, kept, &mut left);
-            for (value, change) in x.iter_mut().zip(&left) {
-                *value += change;
-            }
+            add_scaled(&mut x, 1.0, &left);
         }
         x
     };
@@ -306,10 +299,7 @@ fn orthonormalise_plain(block: &mut [Vec<f64>]) {
         for _ in 0..2 {
             normalise(column);
             for q in done.iter() {
-                let along = dot_long(q, column);
-                for (value, a) in column.iter_mut().zip(q) {
-                    *value -= along * a;
-                }
+                let _ = take_out(column, q);
             }
         }
         normalise(column);

@@ -8,7 +8,7 @@ use crate::condensation::body::Body;
 use crate::condensation::surface::{Share, Surface};
 use crate::error::Error;
 use crate::linalg::dense::{self, Op};
-use crate::linalg::small::Block;
+use crate::linalg::small::{Block, add_scaled};
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::union::Union;
 use crate::reduced::compliance::{Compliance, Part, is_sparse};
@@ -221,9 +221,7 @@ fn by_inverse(body: &mut Body, share: &Share, at: &[usize], m: usize) -> Vec<f64
                 combined.fill(0.0);
                 for &(a, b) in row {
                     let column = &inverse[a * order..(a + 1) * order];
-                    for (value, s) in combined.iter_mut().zip(column) {
-                        *value += b * s;
-                    }
+                    add_scaled(combined, b, column);
                 }
                 for (j, other) in of_row.iter().enumerate().skip(i) {
                     let Some(other) = other else { continue };

@@ -11,7 +11,7 @@ use crate::error::Error;
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{amax, dot_long, norm, place_of_largest};
+use crate::linalg::small::{add_scaled, amax, dot_long, norm, place_of_largest, take_out};
 use crate::linalg::sparse::multifrontal::Factor;
 
 /// If the error of `W` may exceed this many ε, it has lost the digits that the certificate
@@ -285,10 +285,7 @@ impl Body {
     /// `f ← (I − R Rᵀ) f`.
     fn balance(&self, f: &mut [f64]) {
         for mode in &self.contact.motions.kept {
-            let along = dot_long(mode, f);
-            for (value, m) in f.iter_mut().zip(mode) {
-                *value -= along * m;
-            }
+            let _ = take_out(f, mode);
         }
     }
 
@@ -505,9 +502,7 @@ impl Body {
                     }
                 }
             }
-            for (value, p) in contact.iter_mut().zip(part(&pushed)) {
-                *value += p;
-            }
+            add_scaled(&mut contact, 1.0, &part(&pushed));
         }
         self.solve_contact(&mut contact, columns);
         for (local, contact) in local
@@ -521,9 +516,7 @@ impl Body {
         factor.recover(&mut local, columns);
         for (local, amounts) in local.chunks_exact_mut(n.max(1)).zip(rigid) {
             for (motion, amount) in self.contact.motions.whole.iter().zip(*amounts) {
-                for (value, z) in local.iter_mut().zip(motion) {
-                    *value += amount * z;
-                }
+                add_scaled(local, *amount, motion);
             }
         }
         local

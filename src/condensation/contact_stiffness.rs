@@ -7,7 +7,7 @@ use crate::bodies::free_motions::{FreeMotions, Question};
 use crate::condensation::ordered::OrderedBody;
 use crate::error::Error;
 use crate::linalg::dense;
-use crate::linalg::small::dot_long;
+use crate::linalg::small::{add_scaled, dot_long};
 use crate::linalg::sparse::multifrontal::Factor;
 
 /// `S + α R Rᵀ` with the rigid motions `R` that the supports leave free.
@@ -160,9 +160,7 @@ fn project_out(sum: &mut [f64], schur: &[f64], modes: &[Vec<f64>]) {
         .collect();
     for (a, image) in images.iter_mut().enumerate() {
         for (mode, amounts) in modes.iter().zip(&inner) {
-            for (value, x) in image.iter_mut().zip(mode) {
-                *value -= 0.5 * amounts[a] * x;
-            }
+            add_scaled(image, -0.5 * amounts[a], mode);
         }
     }
     for (mode, image) in modes.iter().zip(&images) {

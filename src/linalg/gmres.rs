@@ -1,7 +1,7 @@
 //! GMRES with right preconditioning, without restarts.
 
 use crate::linalg::krylov_triangle::KrylovTriangle;
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::{add_scaled, norm, take_out};
 
 /// `A x`, or the error of the product.
 pub type Product<'a, E> = &'a dyn Fn(&[f64]) -> Result<Vec<f64>, E>;
@@ -51,11 +51,7 @@ pub fn solve<E>(
         // Two passes give orthogonality up to rounding.
         for _ in 0..2 {
             for (h, q) in column.iter_mut().zip(&basis) {
-                let along = dot_long(q, &w);
-                *h += along;
-                for (value, q) in w.iter_mut().zip(q) {
-                    *value -= along * q;
-                }
+                *h += take_out(&mut w, q);
             }
         }
         let length = norm(&w);
@@ -73,9 +69,7 @@ pub fn solve<E>(
     // solution. If the solution has grown without bound, the matrix is singular.
     found.residual += 4.0 * f64::EPSILON * largest * norm(&amounts) / size;
     for (y, q) in amounts.iter().zip(&basis) {
-        for (value, q) in found.x.iter_mut().zip(q) {
-            *value += y * q;
-        }
+        add_scaled(&mut found.x, *y, q);
     }
     precondition(&mut found.x);
     Ok(found)

@@ -2,7 +2,7 @@
 //! large ones: one-sided Jacobi rotations [Demmel and Veselić 1992]. The product `Aᵀ A` would
 //! lose all values below the square root of rounding.
 
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::{add_scaled, dot_long, norm};
 
 /// Largest number of sweeps over all pairs of columns; six suffice in practice.
 const SWEEPS: usize = 30;
@@ -50,9 +50,7 @@ fn rotate(columns: &mut [Vec<f64>], (i, j): (usize, usize), cosine: f64, sine: f
 pub fn combine(columns: &[Vec<f64>], amounts: &[f64]) -> Vec<f64> {
     let mut sum = vec![0.0; columns.first().map_or(0, Vec::len)];
     for (column, amount) in columns.iter().zip(amounts) {
-        for (value, x) in sum.iter_mut().zip(column) {
-            *value += amount * x;
-        }
+        add_scaled(&mut sum, *amount, column);
     }
     sum
 }

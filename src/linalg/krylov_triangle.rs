@@ -1,5 +1,7 @@
 //! The least-squares problem of GMRES: rotations make its Hessenberg matrix triangular.
 
+use crate::linalg::small::add_scaled;
+
 /// `min ‖β e₁ − H y‖` for a Hessenberg matrix that grows by columns.
 pub(crate) struct KrylovTriangle {
     columns: Vec<Vec<f64>>,
@@ -55,9 +57,7 @@ impl KrylovTriangle {
         for (k, column) in columns.iter().enumerate().rev() {
             right[k] /= column[k];
             let solved = right[k];
-            for (value, h) in right[..k].iter_mut().zip(column) {
-                *value -= solved * h;
-            }
+            add_scaled(&mut right[..k], -solved, column);
         }
         right
     }

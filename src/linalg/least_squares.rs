@@ -1,6 +1,6 @@
 //! A small dense least-squares problem with columns that may be dependent.
 
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::{add_scaled, norm, take_out};
 
 /// A column whose remainder, after the columns before it are removed, is below this share of
 /// its length is rounding.
@@ -19,7 +19,7 @@ pub fn solve<'a>(columns: impl ExactSizeIterator<Item = &'a [f64]>, b: &[f64]) -
         basis.extend_from_slice(column);
         let (done, column) = basis.split_at_mut(n * kept.len());
         let row = &mut triangle[kept.len() * count..][..=kept.len()];
-        take_out(column, done, row);
+        take_out_all(column, done, row);
         let length = norm(column);
         if length <= DEPENDENT * before || length == 0.0 {
             basis.truncate(n * kept.len());
@@ -33,28 +33,21 @@ pub fn solve<'a>(columns: impl ExactSizeIterator<Item = &'a [f64]>, b: &[f64]) -
     }
     let mut rest = b.to_vec();
     let mut right = vec![0.0; kept.len()];
-    take_out(&mut rest, &basis, &mut right);
+    take_out_all(&mut rest, &basis, &mut right);
     let mut x = vec![0.0; count];
     for (k, &index) in kept.iter().enumerate().rev() {
         let row = &triangle[k * count..][..=k];
         let value = right[k] / row[k];
         x[index] = value;
-        for (y, c) in right[..k].iter_mut().zip(row) {
-            *y -= value * c;
-        }
+        add_scaled(&mut right[..k], -value, row);
     }
     x
 }
 
 /// Removes the span of the basis from `a`; gives the coefficients.
-fn take_out(a: &mut [f64], basis: &[f64], coefficients: &mut [f64]) {
-    for (along, q) in coefficients
-        .iter_mut()
-        .zip(basis.chunks_exact(a.len().max(1)))
-    {
-        *along = dot_long(q, a);
-        for (value, q) in a.iter_mut().zip(q) {
-            *value -= *along * q;
-        }
+fn take_out_all(a: &mut [f64], basis: &[f64], coefficients: &mut [f64]) {
+    let basis = basis.chunks_exact(a.len().max(1));
+    for (along, q) in coefficients.iter_mut().zip(basis) {
+        *along = take_out(a, q);
     }
 }

@@ -42,6 +42,13 @@ pub fn add_scaled(y: &mut [f64], s: f64, x: &[f64]) {
     }
 }
 
+/// Removes the component of `x` along a vector `q` of length one, and returns it.
+pub fn take_out(x: &mut [f64], q: &[f64]) -> f64 {
+    let along = dot_long(q, x);
+    add_scaled(x, -along, q);
+    along
+}
+
 /// `x + s y`.
 pub fn plus_scaled(x: &[f64], s: f64, y: &[f64]) -> Vec<f64> {
     let mut sum = x.to_vec();

@@ -22,7 +22,7 @@ use crate::law::contact_law::ContactLaw;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::random_signs::random_signs;
-use crate::linalg::small::{add_scaled, amax, dot_long, norm, plus_scaled};
+use crate::linalg::small::{amax, dot_long, norm, plus_scaled, take_out};
 use crate::linalg::verified_cholesky::{self, Lower, gamma};
 use crate::proof::tuning;
 use crate::reduced::reduced::Reduced;
@@ -457,8 +457,7 @@ pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
         // Orthogonal to all of them: otherwise converged vectors return.
         for _ in 0..2 {
             for earlier in &basis {
-                let part = dot_long(earlier, &y);
-                add_scaled(&mut y, -part, earlier);
+                let _ = take_out(&mut y, earlier);
             }
         }
         length = norm(&y);

@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 
 use crate::condensation::problem::Problem;
 use crate::error::check_length;
+use crate::linalg::small::add_scaled;
 use crate::path::stepping::{State, increment, reduced_step};
 use crate::proof::error_bound::{Bound, BoundKind, Prepared};
 use crate::python::arrays::{self, Matrix};
@@ -85,10 +86,7 @@ pub(super) fn of_step<const D: usize>(
         let before = state.map(|state| of_change(&reduced, &state.relative_displacement));
         for change in [Some(of_change(&reduced, &reported)), before] {
             let change = change.unwrap_or_default();
-            let pairs = error.as_flattened_mut().iter_mut();
-            for (error, change) in pairs.zip(change.as_flattened()) {
-                *error += change;
-            }
+            add_scaled(error.as_flattened_mut(), 1.0, change.as_flattened());
         }
         let (v, error) = (order.gather(&v), order.gather(&error));
         let r = order.gather(reaction);

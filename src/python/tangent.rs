@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use crate::condensation::candidates::View;
 use crate::error::{Error, check_length};
 use crate::law::contact_law::ContactLaw;
+use crate::linalg::small::add_scaled;
 use crate::path::working_set;
 use crate::python::arrays::{self, Indices, Matrix, NewIndices, NewMatrix, NewVector, Vector};
 use crate::python::condensed_arrays::{CondensedArrays, StateArrays, loaded};
@@ -126,9 +127,7 @@ impl PyTangentView {
             compliance.product(&r, &mut v);
             let mut v = compliance.scatter(&v).into_flattened();
             for (mode, amount) in modes.iter().zip(rigid) {
-                for (v, m) in v.iter_mut().zip(mode.as_flattened()) {
-                    *v += amount * m;
-                }
+                add_scaled(&mut v, *amount, mode.as_flattened());
             }
             over(&v, &self.factors)
         });

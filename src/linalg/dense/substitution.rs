@@ -6,7 +6,7 @@ use crate::linalg::dense::kernels::{
     faer_matmul, solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use crate::linalg::packed::Panel;
-use crate::linalg::small::dot_long;
+use crate::linalg::small::{add_scaled, dot_long};
 
 /// Up to this many entries of a block, columns are solved one by one: the block stays in the
 /// nearest caches, and a call of a product would take longer.
@@ -79,24 +79,17 @@ pub(crate) fn backward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usi
 fn backward_one(block: &[f64], b: usize, x: &mut [f64]) {
     let (first, second) = x.split_at_mut(b);
     for (x, column) in second.iter().zip(block[b * b..].chunks_exact(b)) {
-        subtract(first, *x, column);
+        add_scaled(first, -x, column);
     }
     for j in (0..b).rev() {
         let column = &block[j * b..][..=j];
         let x = first[j] / column[j];
         first[j] = x;
-        subtract(&mut first[..j], x, column);
+        add_scaled(&mut first[..j], -x, column);
     }
 }
 
 /// The diagonal block of a block of `b` rows, and the part to its right.
 pub(super) fn halves(block: &[f64], b: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
     MatRef::from_column_major_slice(block, b, block.len() / b).split_at_col(b)
-}
-
-/// `a ← a − s b` for the length of `a`.
-fn subtract(a: &mut [f64], s: f64, b: &[f64]) {
-    for (a, b) in a.iter_mut().zip(b) {
-        *a -= s * b;
-    }
 }

@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::error::{Error, check_running};
 use crate::linalg::dense;
 use crate::linalg::lu;
+use crate::linalg::small::add_scaled;
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::symbolic::{Counts, Front, Options, Symbolic};
@@ -202,9 +203,7 @@ impl<A: Borrow<Analysis>> SparseLu<A> {
             let np = front.np;
             let mut first = x[front.first..front.first + np].to_vec();
             for (row, factors) in beyond(symbolic, front).zip(behind(own).chunks_exact(np)) {
-                for (value, factor) in first.iter_mut().zip(factors) {
-                    *value -= factor * x[row];
-                }
+                add_scaled(&mut first, -x[row], factors);
             }
             back(own, &mut first);
             x[front.first..front.first + np].copy_from_slice(&first);
