@@ -7,7 +7,7 @@
 
 use crate::error::Error;
 use crate::linalg::parallel::norm;
-use crate::linalg::small::tangential_norm;
+use crate::linalg::small::{rows_plus_scaled, tangential_norm};
 use crate::primal::contacts::Contacts;
 use crate::primal::engine::{Engine, Terms};
 use crate::reduced::reduced::{Reduced, Rigid};
@@ -92,13 +92,9 @@ pub fn contacts_alone<'a, const D: usize>(
     r: &[[f64; D]],
     v: &[[f64; D]],
 ) -> Result<Reduced<'a, D>, Error> {
-    let mut q = vec![[0.0; D]; r.len()];
-    contacts.compliance.product(r, &mut q);
-    for (q, v) in q.iter_mut().zip(v) {
-        for (q, v) in q.iter_mut().zip(v) {
-            *q = v - *q;
-        }
-    }
+    let mut moved = vec![[0.0; D]; r.len()];
+    contacts.compliance.product(r, &mut moved);
+    let q = rows_plus_scaled(v, -1.0, &moved);
     Reduced::new(&contacts.compliance, &q, &contacts.law, &Rigid::default())
 }
 

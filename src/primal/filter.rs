@@ -12,6 +12,7 @@ use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::{Options, Symbolic};
+use crate::primal::nodes::{add_to_node, at_node};
 use crate::tasks;
 
 /// A factor of `P_cc`, `c` the free components of the relative displacements and of the masters.
@@ -123,13 +124,13 @@ impl<const D: usize> Filter<D> {
     /// `r ← r − P x` for an `x` that is zero outside `c`.
     pub(super) fn subtract_columns(&self, rows: &ChangedRows, x: &[f64], r: &mut [f64]) {
         for (row, &node) in rows.nodes.iter().enumerate() {
-            let own = at::<D>(x, node as usize);
+            let own = at_node::<D>(x, node as usize);
             for (column, block) in rows.row(row) {
                 let change = Block::<D>::from_column_slice(block).tr_mul(&own);
-                subtract(r, column, change);
+                add_to_node(r, column, -change);
             }
             if let Some(spring) = &self.springs[row] {
-                subtract(r, node as usize, spring * own);
+                add_to_node(r, node as usize, -(spring * own));
             }
         }
     }
@@ -137,17 +138,17 @@ impl<const D: usize> Filter<D> {
     /// The rows of `b − P x` at the nodes of the interface; others keep the `b` that `r` has.
     pub(super) fn subtract_rows(&self, rows: &ChangedRows, x: &[f64], r: &mut [f64]) {
         let products = tasks::collect(rows.nodes.len(), |row| {
-            let parts = rows
-                .row(row)
-                .map(|(column, block)| Block::<D>::from_column_slice(block) * at::<D>(x, column));
+            let parts = rows.row(row).map(|(column, block)| {
+                Block::<D>::from_column_slice(block) * at_node::<D>(x, column)
+            });
             let mut sum: Vector<D> = parts.sum();
             if let Some(spring) = &self.springs[row] {
-                sum += spring * at::<D>(x, rows.nodes[row] as usize);
+                sum += spring * at_node::<D>(x, rows.nodes[row] as usize);
             }
             sum
         });
         for (&node, product) in rows.nodes.iter().zip(products) {
-            subtract(r, node as usize, product);
+            add_to_node(r, node as usize, -product);
         }
     }
 }
@@ -155,14 +156,4 @@ impl<const D: usize> Filter<D> {
 #[expect(clippy::cast_possible_truncation, reason = "2 or 3")]
 const fn narrow_dim<const D: usize>() -> u32 {
     D as u32
-}
-
-fn at<const D: usize>(x: &[f64], node: usize) -> Vector<D> {
-    Vector::from_column_slice(&x[D * node..D * (node + 1)])
-}
-
-fn subtract<const D: usize>(r: &mut [f64], node: usize, change: Vector<D>) {
-    for (r, change) in r[D * node..D * (node + 1)].iter_mut().zip(change.iter()) {
-        *r -= change;
-    }
 }

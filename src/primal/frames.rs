@@ -8,8 +8,9 @@
 
 use crate::error::Error;
 use crate::linalg::compensated::Sum;
-use crate::linalg::small::{Block, Vector};
+use crate::linalg::small::Block;
 use crate::linalg::sparse::rows::OwnedMatrix;
+use crate::primal::nodes::{at_node, set_node};
 use crate::primal::own_nodes::{AboutNodes, Columns, Frame, choose};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 
@@ -114,11 +115,11 @@ impl<const D: usize> Frames<D> {
     /// `u = T y`, in place.
     pub fn to_displacements(&self, y: &mut [f64]) {
         for (i, frame) in self.with_node().rev() {
-            let mut own = at(y, frame.node);
+            let mut own = at_node(y, frame.node);
             for (node, block) in self.masters(i) {
-                own -= block * at(y, *node);
+                own -= block * at_node(y, *node);
             }
-            set(y, frame.node, frame.from_local * own);
+            set_node(y, frame.node, frame.from_local * own);
         }
     }
 
@@ -128,34 +129,34 @@ impl<const D: usize> Frames<D> {
             *value = value.abs();
         }
         for (i, frame) in self.with_node().rev() {
-            let mut own = at(y, frame.node);
+            let mut own = at_node(y, frame.node);
             for (node, block) in self.masters(i) {
-                own += block.abs() * at(y, *node);
+                own += block.abs() * at_node(y, *node);
             }
-            set(y, frame.node, frame.from_local.abs() * own);
+            set_node(y, frame.node, frame.from_local.abs() * own);
         }
     }
 
     /// `y = T⁻¹ u`, in place; prescribed degrees of freedom become zero.
     pub fn to_local(&self, u: &mut [f64]) {
         for (i, frame) in self.with_node() {
-            let mut own = frame.to_local * at(u, frame.node);
+            let mut own = frame.to_local * at_node(u, frame.node);
             for (node, block) in self.masters(i) {
-                own += block * at(u, *node);
+                own += block * at_node(u, *node);
             }
-            set(u, frame.node, own);
+            set_node(u, frame.node, own);
         }
     }
 
     /// `Tᵀ f`, in place.
     pub fn forces_to_local(&self, f: &mut [f64]) {
         for (i, frame) in self.with_node() {
-            let own = frame.from_local.tr_mul(&at(f, frame.node));
+            let own = frame.from_local.tr_mul(&at_node(f, frame.node));
             for (node, block) in self.masters(i) {
-                let force = at(f, *node) - block.tr_mul(&own);
-                set(f, *node, force);
+                let force = at_node(f, *node) - block.tr_mul(&own);
+                set_node(f, *node, force);
             }
-            set(f, frame.node, own);
+            set_node(f, frame.node, own);
         }
     }
 
@@ -193,12 +194,12 @@ impl<const D: usize> Frames<D> {
     /// `|Tᵀ| f` for `f ≥ 0`, in place.
     pub fn terms_of_forces(&self, f: &mut [f64]) {
         for (i, frame) in self.with_node() {
-            let own = frame.from_local.abs().tr_mul(&at(f, frame.node));
+            let own = frame.from_local.abs().tr_mul(&at_node(f, frame.node));
             for (node, block) in self.masters(i) {
-                let force = at(f, *node) + block.abs().tr_mul(&own);
-                set(f, *node, force);
+                let force = at_node(f, *node) + block.abs().tr_mul(&own);
+                set_node(f, *node, force);
             }
-            set(f, frame.node, own);
+            set_node(f, frame.node, own);
         }
     }
 
@@ -224,13 +225,4 @@ impl<const D: usize> Frames<D> {
         }
         values
     }
-}
-
-/// The values of a node.
-fn at<const D: usize>(values: &[f64], node: usize) -> Vector<D> {
-    Vector::from_column_slice(&values[D * node..D * (node + 1)])
-}
-
-fn set<const D: usize>(values: &mut [f64], node: usize, own: Vector<D>) {
-    values[D * node..D * (node + 1)].copy_from_slice(own.as_slice());
 }

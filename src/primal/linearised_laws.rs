@@ -9,6 +9,7 @@ use crate::linalg::small::Vector;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::multiplied_law::MultipliedLaw;
+use crate::primal::nodes::at_node;
 use crate::primal::tangent::{SlidingTangent, Tangent};
 use crate::primal::tuning;
 use crate::solver::derivatives::tangent_system::ClosedLaw;
@@ -88,7 +89,7 @@ impl<const D: usize> LinearisedLaws<D> {
         let targets = self.laws.iter().zip(&*s);
         let targets = targets.filter(|(law, _)| law.at.is_some() && law.law.held != [true; D]);
         for (one, (law, s)) in self.tangent.sliding.iter_mut().zip(targets) {
-            let f = Vector::<D>::from_column_slice(&g[one.at..one.at + D]);
+            let f = at_node::<D>(g, one.node());
             one.target = Vector::from(*s) - law.law.by_r * f;
         }
     }

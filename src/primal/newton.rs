@@ -9,6 +9,7 @@ use std::time::Instant;
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::parallel::norm;
+use crate::linalg::small::{add_scaled, rows_plus_scaled};
 use crate::primal::certificate::{Judged, Point, contacts_alone, judge};
 use crate::primal::contacts::Contacts;
 use crate::primal::engine::Engine;
@@ -339,7 +340,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         let (v, moved) = (&correction.v, &correction.moved_at);
         let of_prescribed = tangent.prescribed_reactions(frames, &point.r, v, moved);
         let share = recent.map_or(1.0, |recent| {
-            let r = sum(moved, &of_prescribed);
+            let r = rows_plus_scaled(moved, 1.0, &of_prescribed);
             choose_share(reduced, point, (&r[..], &v[..]), recent)
         });
         let prescribed = prescribed_part(self.contacts, &point.r, &of_prescribed, share);
@@ -380,8 +381,8 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         prescribed: &[[f64; D]],
         offset: &[[f64; D]],
     ) -> Result<Point<E::Vector, D>, E::Error> {
-        let v = sum(&self.engine.at_contacts(&y)?, offset);
-        let r = sum(&self.engine.at_contacts(&e)?, prescribed);
+        let v = rows_plus_scaled(&self.engine.at_contacts(&y)?, 1.0, offset);
+        let r = rows_plus_scaled(&self.engine.at_contacts(&e)?, 1.0, prescribed);
         Ok(Point { y, e, r, v })
     }
 
@@ -449,15 +450,14 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         let frames = &self.contacts.frames;
         let moved = &change.moved_at;
         let prescribed = tangent.prescribed_reactions(frames, &point.r, &change.v, moved);
-        let mut r = sum(&sum(&point.r, moved), &prescribed);
+        let moved = rows_plus_scaled(&point.r, 1.0, moved);
+        let mut r = rows_plus_scaled(&moved, 1.0, &prescribed);
         for (i, (r, reaction)) in r.iter_mut().zip(&judged.reaction).enumerate() {
             if statuses[i] == Status::Open {
                 let cohesive = self.contacts.law[i].cohesion > 0.0;
                 r[..if cohesive { 1 } else { D }].fill(0.0);
             }
-            for (r, reaction) in r.iter_mut().zip(reaction) {
-                *r -= reaction;
-            }
+            add_scaled(r, -1.0, reaction);
         }
         let of = |changed: f64, whole: f64| {
             if changed == 0.0 {
@@ -484,13 +484,6 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     }
 }
 
-/// The sum of two values at each contact.
-fn sum<const D: usize>(one: &[[f64; D]], other: &[[f64; D]]) -> Vec<[f64; D]> {
-    let both = one.iter().zip(other);
-    both.map(|(a, b)| std::array::from_fn(|k| a[k] + b[k]))
-        .collect()
-}
-
 /// The reactions along components without an unknown, after a share of their `change`.
 fn prescribed_part<const D: usize>(
     contacts: &Contacts<D>,
@@ -502,11 +495,7 @@ fn prescribed_part<const D: usize>(
     for (i, k, _) in contacts.frames.unknowns() {
         part[i][k] = 0.0;
     }
-    let values = part.as_flattened_mut().iter_mut();
-    for (value, change) in values.zip(change.as_flattened()) {
-        *value += share * change;
-    }
-    part
+    rows_plus_scaled(&part, share, change)
 }
 
 /// What a full Newton step changes.
@@ -534,12 +523,9 @@ fn choose_share<V, const D: usize>(
     (dr, dv): (&[[f64; D]], &[[f64; D]]),
     recent: &[f64],
 ) -> f64 {
-    let moved = |from: &[[f64; D]], by: &[[f64; D]], share: f64| -> Vec<[f64; D]> {
-        let sum = |(x, d): (&[f64; D], &[f64; D])| std::array::from_fn(|k| x[k] + share * d[k]);
-        from.iter().zip(by).map(sum).collect()
-    };
     let of_share = |share: f64| {
-        let (r, v) = (moved(&point.r, dr, share), moved(&point.v, dv, share));
+        let r = rows_plus_scaled(&point.r, share, dr);
+        let v = rows_plus_scaled(&point.v, share, dv);
         (merit(reduced, &r, &v), ())
     };
     let accepted = search(recent, tuning::halvings() + 1, of_share);

@@ -1,6 +1,7 @@
 //! The degrees of freedom of each node, as blocks of the stiffness.
 
 use crate::error::Error;
+use crate::linalg::small::{Vector, add_scaled};
 use crate::linalg::sparse::csc::narrow;
 use crate::linalg::sparse::rows::OwnedMatrix;
 
@@ -93,6 +94,23 @@ impl Nodes {
     pub fn scatter(&self, blocks: &[f64]) -> Vec<f64> {
         self.place.iter().map(|&at| blocks[at as usize]).collect()
     }
+}
+
+/// The components of a node in values by places.
+pub fn at_node<const D: usize>(values: &[f64], node: usize) -> Vector<D> {
+    Vector::from_column_slice(&values[D * node..D * (node + 1)])
+}
+
+pub fn set_node<const D: usize>(values: &mut [f64], node: usize, own: Vector<D>) {
+    values[D * node..D * (node + 1)].copy_from_slice(own.as_slice());
+}
+
+pub fn add_to_node<const D: usize>(values: &mut [f64], node: usize, change: Vector<D>) {
+    add_scaled(
+        &mut values[D * node..D * (node + 1)],
+        1.0,
+        change.as_slice(),
+    );
 }
 
 /// The number of nodes of the rows of each contact, added over all contacts.

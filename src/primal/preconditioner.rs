@@ -23,6 +23,7 @@ use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::parallel::zero_where;
+use crate::linalg::small::add_scaled;
 use crate::primal::filter::Filter;
 use crate::primal::interface::Interface;
 use crate::primal::problem::Primal;
@@ -214,9 +215,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         zero_where(&joined.held, true, residual);
         hierarchy.apply(residual, correction);
         zero_where(&joined.held, true, correction);
-        for (x, change) in x.iter_mut().zip(&*correction) {
-            *x += change;
-        }
+        add_scaled(x, 1.0, correction);
         residual.copy_from_slice(b);
         filter.subtract_rows(rows, x, residual);
         let own = filter.solve(residual);

@@ -16,13 +16,13 @@ use crate::linalg::amg::soft_motions::complete;
 use crate::linalg::amg::symmetric_blocks::SymmetricBlocks;
 use crate::linalg::compensated::Sum;
 use crate::linalg::parallel::zero_where;
-use crate::linalg::small::{Block, Vector};
+use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::{Index, narrow};
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::interface::Interface;
-use crate::primal::nodes::Nodes;
+use crate::primal::nodes::{Nodes, add_to_node, at_node};
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::stiffness_rows::StiffnessRows;
 use crate::primal::supports::{self, Motions, Supports};
@@ -345,15 +345,13 @@ impl<const D: usize> Primal<D> {
         let mut out = vec![0.0; y.len()];
         let nodes = self.contacts.frames.list.iter().map(|frame| frame.node);
         for node in nodes.filter(|&node| node != usize::MAX) {
-            let own = Vector::<D>::from_column_slice(&u[D * node..D * (node + 1)]);
+            let own = at_node::<D>(&u, node);
             if own.iter().all(|&value| value == 0.0) {
                 continue;
             }
             self.stiffness.matrix.for_each_block(node, |other, block| {
                 let force = Block::<D>::from_column_slice(block).tr_mul(&own);
-                for (out, force) in out[D * other..].iter_mut().zip(force.iter()) {
-                    *out += force;
-                }
+                add_to_node(&mut out, other, force);
             });
         }
         self.clear_prescribed(&mut out);

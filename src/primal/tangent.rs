@@ -20,6 +20,7 @@ use crate::linalg::parallel::zero_where;
 use crate::linalg::small::{Block, Vector};
 use crate::primal::frames::Frames;
 use crate::primal::multiplied_law::MultipliedLaw;
+use crate::primal::nodes::{add_to_node, at_node};
 use crate::primal::tuning;
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::linearisation::Linearisation;
@@ -141,13 +142,9 @@ impl<const D: usize> Tangent<D> {
     /// `J x` in the rows that are not held.
     pub fn add_laws(&self, x: &[f64], out: &mut [f64]) {
         for one in &self.sliding {
-            let own = one.at..one.at + D;
-            let dv = Vector::<D>::from_column_slice(&x[own.clone()]);
-            let da = Vector::<D>::from_column_slice(&out[own.clone()]);
+            let (dv, da) = (at_node(x, one.node()), at_node(out, one.node()));
             let change = one.force * da + one.spring * dv;
-            for (value, change) in out[own].iter_mut().zip(change.iter()) {
-                *value += change;
-            }
+            add_to_node(out, one.node(), change);
         }
     }
 
@@ -155,24 +152,16 @@ impl<const D: usize> Tangent<D> {
     /// [`Tangent::add_transposed`] adds, and this makes `u` of `z`.
     pub fn pull(&self, z: &mut [f64]) {
         for one in &self.sliding {
-            let own = &mut z[one.at..one.at + D];
-            let change = one.force.tr_mul(&Vector::<D>::from_column_slice(own));
-            for (value, change) in own.iter_mut().zip(change.iter()) {
-                *value += change;
-            }
+            let change = one.force.tr_mul(&at_node::<D>(z, one.node()));
+            add_to_node(z, one.node(), change);
         }
     }
 
     /// Adds the springs of `Jᵀ z`.
     pub fn add_transposed(&self, z: &[f64], out: &mut [f64]) {
         for one in &self.sliding {
-            let own = one.at..one.at + D;
-            let pulled = one
-                .spring
-                .tr_mul(&Vector::<D>::from_column_slice(&z[own.clone()]));
-            for (value, pulled) in out[own].iter_mut().zip(pulled.iter()) {
-                *value += pulled;
-            }
+            let pulled = one.spring.tr_mul(&at_node::<D>(z, one.node()));
+            add_to_node(out, one.node(), pulled);
         }
     }
 
@@ -211,7 +200,7 @@ impl<const D: usize> Tangent<D> {
     /// The symmetric part of the springs of sliding contacts, with their nodes.
     pub fn springs_of_nodes(&self) -> impl Iterator<Item = (usize, Block<D>)> {
         let all = self.sliding.iter();
-        all.map(|one| (one.at / D, one.symmetric_spring()))
+        all.map(|one| (one.node(), one.symmetric_spring()))
     }
 
     /// The symmetric part of the springs of sliding contacts, with the contacts.
@@ -312,6 +301,10 @@ impl<const D: usize> SlidingTangent<D> {
             spring: law.by_v,
             target: Vector::zeros(),
         }
+    }
+
+    pub(super) fn node(&self) -> usize {
+        self.at / D
     }
 
     /// Whether a component has such a row and an unknown.

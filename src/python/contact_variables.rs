@@ -13,6 +13,7 @@ use crate::linalg::sparse::csc::narrow;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
+use crate::primal::nodes::{at_node, set_node};
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::tangent::Tangent;
 use crate::primal::transformation::Transformation;
@@ -291,9 +292,8 @@ impl PyContactVariables {
     fn to_own_variables(&self, mut values: Changed<'_>) -> PyResult<()> {
         fn turn<const D: usize>(frames: &Frames<D>, values: &mut [f64]) {
             for (_, frame) in frames.with_node() {
-                let own = &mut values[D * frame.node..D * (frame.node + 1)];
-                let turned = frame.to_local * crate::linalg::small::Vector::from_column_slice(own);
-                own.copy_from_slice(turned.as_slice());
+                let turned = frame.to_local * at_node(values, frame.node);
+                set_node(values, frame.node, turned);
             }
         }
         for_either!(&self.kind, inner => inner.change(&mut values, turn))
