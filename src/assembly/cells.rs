@@ -1,6 +1,7 @@
 //! The cells of a mesh of one kind: the nodes of each.
 
 use crate::error::{Error, check_length};
+use crate::linalg::sparse::csc::Index;
 
 /// Nodes of cells, with the same number in each.
 #[derive(Clone, Debug)]
@@ -13,10 +14,7 @@ pub struct Cells {
 impl Cells {
     /// From the arrays of scikit-fem: `given` has a row for each node of a cell, and a column
     /// for each cell. The mesh has `nodes` nodes.
-    pub fn new<T: Copy>(given: &[T], corners: usize, nodes: usize) -> Result<Self, Error>
-    where
-        usize: TryFrom<T>,
-    {
+    pub fn new<I: Index>(given: &[I], corners: usize, nodes: usize) -> Result<Self, Error> {
         let count = given.len() / corners.max(1);
         check_length("cells", given.len(), count * corners)?;
         // The largest number is free to mark nodes that were not seen.
@@ -33,7 +31,7 @@ impl Cells {
         let mut node = vec![0; given.len()];
         for (position, &found) in given.iter().enumerate() {
             let (corner, cell) = (position / count, position % count);
-            let found = usize::try_from(found).unwrap_or(usize::MAX);
+            let found = found.at();
             node[cell * corners + corner] = u32::try_from(found)
                 .ok()
                 .filter(|_| found < limit)

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use crate::linalg::sparse::csc::narrow;
+use crate::linalg::sparse::csc::{Index, narrow};
 use crate::linalg::union::Union;
 use crate::tasks;
 
@@ -29,33 +29,23 @@ pub struct Rows<'a, I> {
     pub by_node: bool,
 }
 
-impl<'a, I> Rows<'a, I>
-where
-    I: Copy,
-    usize: TryFrom<I>,
-{
+impl<'a, I: Index> Rows<'a, I> {
     /// Columns and values of a row.
     pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> + use<'a, I> {
-        let at = |index: I| usize::try_from(index).unwrap_or(usize::MAX);
-        let row = at(self.pointer[row])..at(self.pointer[row + 1]);
-        let columns = self.index[row.clone()].iter().map(move |&j| at(j));
+        let row = self.pointer[row].at()..self.pointer[row + 1].at();
+        let columns = self.index[row.clone()].iter().map(|j| j.at());
         columns.zip(self.values[row].iter().copied())
     }
 }
 
 /// The diagonal of K in its rows from `first` on, zero where it has no entry. Columns of a row
 /// ascend.
-pub fn diagonal<I>(k: &Rows<'_, I>, first: usize) -> Vec<f64>
-where
-    I: Copy + Sync,
-    usize: TryFrom<I>,
-{
-    let at = |index: I| usize::try_from(index).unwrap_or(usize::MAX);
+pub fn diagonal<I: Index>(k: &Rows<'_, I>, first: usize) -> Vec<f64> {
     tasks::collect(k.pointer.len().saturating_sub(1), |i| {
-        let row = at(k.pointer[i])..at(k.pointer[i + 1]);
+        let row = k.pointer[i].at()..k.pointer[i + 1].at();
         let columns = &k.index[row.clone()];
-        let place = columns.partition_point(|&j| at(j) < first + i);
-        let found = columns.get(place).is_some_and(|&j| at(j) == first + i);
+        let place = columns.partition_point(|j| j.at() < first + i);
+        let found = columns.get(place).is_some_and(|j| j.at() == first + i);
         if found {
             k.values[row.start + place]
         } else {
@@ -92,11 +82,7 @@ struct Row {
 }
 
 /// Looks at all rows. `places` are the coordinates of each degree of freedom.
-pub fn bodies<I, const D: usize>(k: Rows<'_, I>, places: &[[f64; D]]) -> Bodies<D>
-where
-    I: Copy + Sync,
-    usize: TryFrom<I>,
-{
+pub fn bodies<I: Index, const D: usize>(k: Rows<'_, I>, places: &[[f64; D]]) -> Bodies<D> {
     let mut inspected = InspectedRows::default();
     inspected.add(k, places);
     inspected.bodies(places, k.by_node)
@@ -128,11 +114,7 @@ impl InspectedRows {
     }
 
     /// Looks at the next rows; `places` are the coordinates of all degrees of freedom.
-    pub fn add<I, const D: usize>(&mut self, k: Rows<'_, I>, places: &[[f64; D]])
-    where
-        I: Copy + Sync,
-        usize: TryFrom<I>,
-    {
+    pub fn add<I: Index, const D: usize>(&mut self, k: Rows<'_, I>, places: &[[f64; D]]) {
         let (first, own) = (self.rows.len(), k.pointer.len() - 1);
         let (count, split) = (places.len() / D, split::<D>(places.len(), k.by_node));
         let entries = |i: usize| k.row(i);

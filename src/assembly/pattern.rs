@@ -2,6 +2,7 @@
 
 use crate::assembly::cells::Cells;
 use crate::linalg::pages::zeros;
+use crate::linalg::sparse::csc::Index;
 use crate::tasks;
 
 /// Rows shorter than this are not worth a task of their own.
@@ -21,29 +22,6 @@ pub struct Pattern {
     column: Vec<u32>,
     part: Option<Part>,
 }
-
-/// Index type of compressed rows.
-pub trait Index: Copy + Default + Send {
-    /// The index, which the caller knows to fit.
-    fn of(value: usize) -> Self;
-}
-
-macro_rules! index {
-    ($kind:ty) => {
-        impl Index for $kind {
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_possible_wrap,
-                reason = "the caller compares the number of entries with the type"
-            )]
-            fn of(value: usize) -> Self {
-                value as Self
-            }
-        }
-    };
-}
-index!(i32);
-index!(i64);
 
 impl Pattern {
     /// The pattern of a mesh; other rows than those of a `part` are empty.

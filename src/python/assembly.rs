@@ -5,9 +5,10 @@ use std::sync::atomic::AtomicBool;
 use crate::assembly::cells::Cells;
 use crate::assembly::element::{Law, Reference};
 use crate::assembly::inspection::{self, Bodies, Rows};
-use crate::assembly::pattern::{Index, Part, Pattern};
+use crate::assembly::pattern::{Part, Pattern};
 use crate::assembly::stiffness::{self as core, Elastic};
 use crate::error::{Error, check_length};
+use crate::linalg::sparse::csc::Index;
 use crate::python::arrays::{
     self, Csr as GivenCsr, Indices, Matrix, NewIndices, NewMatrix, NewVector, Vector,
 };
@@ -300,13 +301,10 @@ pub(super) fn diagonal<'py>(
 }
 
 /// The bodies of K, after its rows have been checked.
-fn inspect<I: Copy + Sync, const D: usize>(
+fn inspect<I: Index, const D: usize>(
     k: &Rows<'_, I>,
     places: &[[f64; D]],
-) -> Result<Bodies<D>, Error>
-where
-    usize: TryFrom<I>,
-{
+) -> Result<Bodies<D>, Error> {
     let n = places.len();
     check_length("coordinates", n, n / D * D)?;
     check_rows(k, n, n)?;
@@ -314,21 +312,16 @@ where
 }
 
 /// Checks that the arrays are those of a matrix of so many `rows` and `n` columns.
-pub(super) fn check_rows<I: Copy + Sync>(
-    k: &Rows<'_, I>,
-    rows: usize,
-    n: usize,
-) -> Result<(), Error>
-where
-    usize: TryFrom<I>,
-{
-    let at = |i: I| usize::try_from(i).unwrap_or(usize::MAX);
+pub(super) fn check_rows<I: Index>(k: &Rows<'_, I>, rows: usize, n: usize) -> Result<(), Error> {
     check_length("row pointers of K", k.pointer.len(), rows + 1)?;
     check_length("values of K", k.values.len(), k.index.len())?;
-    let rise = k.pointer.windows(2).all(|pair| at(pair[0]) <= at(pair[1]));
-    let ends = [k.pointer.first(), k.pointer.last()].map(|end| end.map(|&end| at(end)));
+    let rise = k
+        .pointer
+        .windows(2)
+        .all(|pair| pair[0].at() <= pair[1].at());
+    let ends = [k.pointer.first(), k.pointer.last()].map(|end| end.map(|end| end.at()));
     let whole = ends == [Some(0), Some(k.index.len())];
-    let within = |_: usize, part: &[I]| part.iter().all(|&j| at(j) < n);
+    let within = |_: usize, part: &[I]| part.iter().all(|j| j.at() < n);
     let inside = tasks::map(k.index.chunks(1 << 16), within);
     if rise && whole && inside.iter().all(|&inside| inside) {
         Ok(())

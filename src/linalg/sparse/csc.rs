@@ -21,25 +21,37 @@ pub enum Symmetry {
 
 /// An index of the caller, who may have 32 bits for each: a copy as `usize` would take as much
 /// memory as the values.
-pub trait Index: Copy + Ord + Send + Sync {
-    fn at(self) -> usize;
-}
-
-impl Index for usize {
-    #[inline]
-    fn at(self) -> usize {
-        self
-    }
-}
-
-impl Index for i32 {
+pub trait Index: Copy + Default + Ord + Send + Sync {
     /// A negative one becomes so large that it is out of every range.
-    #[inline]
-    #[expect(clippy::cast_sign_loss, reason = "out of every range")]
-    fn at(self) -> usize {
-        self as usize
-    }
+    fn at(self) -> usize;
+
+    /// The index, which the caller knows to fit.
+    fn of(value: usize) -> Self;
 }
+
+macro_rules! index {
+    ($($kind:ty)+) => {$(
+        #[allow(
+            clippy::cast_sign_loss,
+            clippy::cast_possible_truncation,
+            clippy::cast_possible_wrap,
+            reason = "out of every range, and compared with the type by the caller"
+        )]
+        impl Index for $kind {
+            #[inline]
+            fn at(self) -> usize {
+                self as usize
+            }
+
+            #[inline]
+            fn of(value: usize) -> Self {
+                value as Self
+            }
+        }
+    )+};
+}
+
+index!(i32 i64 usize);
 
 /// A symmetric `n × n` matrix by columns, with both triangles and ascending row indices in each
 /// column. Because it is symmetric, CSR arrays are valid too.
