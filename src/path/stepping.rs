@@ -24,6 +24,18 @@ pub struct State<const D: usize> {
     pub rigid: Vec<f64>,
 }
 
+impl<const D: usize> State<D> {
+    /// The state after a step with this solution, whose relative displacement is the total one.
+    pub fn after(solution: &Solution<D>) -> Self {
+        Self {
+            reaction: solution.reaction.clone(),
+            relative_displacement: solution.relative_displacement.clone(),
+            status: solution.status.clone(),
+            rigid: solution.rigid_motion.clone(),
+        }
+    }
+}
+
 /// A load path in progress. Without a state it starts from the unloaded body.
 #[derive(Clone, Debug, Default)]
 pub struct LoadPath<const D: usize> {
@@ -51,6 +63,19 @@ pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> 
         }
     }
     q
+}
+
+/// The total relative displacement after a step, from its `v`: the inverse of [`incremental`].
+pub fn total<const D: usize>(v: &[[f64; D]], state: Option<&State<D>>) -> Vec<[f64; D]> {
+    let mut total = v.to_vec();
+    if let Some(state) = state {
+        for (v, before) in total.iter_mut().zip(&state.relative_displacement) {
+            for k in 1..D {
+                v[k] += before[k];
+            }
+        }
+    }
+    total
 }
 
 /// `v` of a step from the total one as in (22), and the rounding of the subtraction.
@@ -226,25 +251,10 @@ impl<const D: usize> LoadPath<D> {
                 other => other?,
             }
         }
-        let slip = solution.relative_displacement.clone();
-        if let Some(state) = &self.state {
-            for (v, before) in solution
-                .relative_displacement
-                .iter_mut()
-                .zip(&state.relative_displacement)
-            {
-                for k in 1..D {
-                    v[k] += before[k];
-                }
-            }
-        }
+        let slip = solution.relative_displacement;
+        solution.relative_displacement = total(&slip, self.state.as_ref());
         if solution.outcome == Outcome::Converged {
-            self.state = Some(State {
-                reaction: solution.reaction.clone(),
-                relative_displacement: solution.relative_displacement.clone(),
-                status: solution.status.clone(),
-                rigid: solution.rigid_motion.clone(),
-            });
+            self.state = Some(State::after(&solution));
         }
         Ok(Step { solution, slip })
     }

@@ -11,7 +11,7 @@ use crate::condensation::candidates::{Candidates, View};
 use crate::condensation::problem::Problem;
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::path::stepping::{LoadPath, State, Step};
+use crate::path::stepping::{LoadPath, State, Step, incremental};
 use crate::path::tuning;
 use crate::solver::{Outcome, Settings, Solution};
 
@@ -76,7 +76,7 @@ impl<const D: usize> WorkingSetPath<D> {
         stop: &AtomicBool,
     ) -> Result<Step<D>, Error> {
         let loads = (load, prescribed);
-        let (step, state) = match problem {
+        let step = match problem {
             Problem::Whole(whole) => {
                 let mut path = LoadPath::new(self.state.take());
                 let step = path.advance(whole, load, prescribed, settings, stop);
@@ -88,7 +88,7 @@ impl<const D: usize> WorkingSetPath<D> {
             }
         };
         if step.solution.outcome == Outcome::Converged {
-            self.state = Some(state);
+            self.state = Some(State::after(&step.solution));
         }
         Ok(step)
     }
@@ -101,7 +101,7 @@ impl<const D: usize> WorkingSetPath<D> {
         loads: (&[f64], &[f64]),
         settings: &Settings,
         stop: &AtomicBool,
-    ) -> Result<(Step<D>, State<D>), Error> {
+    ) -> Result<Step<D>, Error> {
         let mut view = match self.view.take() {
             Some(mut view) => {
                 // The view has the gaps of an earlier step.
@@ -144,14 +144,8 @@ impl<const D: usize> WorkingSetPath<D> {
                     Outcome::IterationLimit
                 };
             }
-            let state = State {
-                reaction: step.solution.reaction.clone(),
-                relative_displacement: step.solution.relative_displacement.clone(),
-                status: step.solution.status.clone(),
-                rigid: step.solution.rigid_motion.clone(),
-            };
             self.view = Some(view);
-            return Ok((step, state));
+            return Ok(step);
         }
     }
 
@@ -248,14 +242,7 @@ impl<const D: usize> WorkingSetPath<D> {
         for (&i, own) in members.iter().zip(&step.solution.relative_displacement) {
             v[i] = *own;
         }
-        let mut slip = v.clone();
-        if let Some(state) = &self.state {
-            for (slip, before) in slip.iter_mut().zip(&state.relative_displacement) {
-                for k in 1..D {
-                    slip[k] -= before[k];
-                }
-            }
-        }
+        let mut slip = incremental(&v, self.state.as_ref());
         for (&i, own) in members.iter().zip(&step.slip) {
             slip[i] = *own;
         }

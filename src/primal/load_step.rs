@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::Status;
 use crate::law::contact_law::ContactLaw;
-use crate::path::stepping::{State, Step, incremental};
+use crate::path::stepping::{State, Step, incremental, total};
 use crate::primal::certificate::contacts_alone;
 use crate::primal::contacts::Contacts;
 use crate::primal::engine::Engine;
@@ -44,12 +44,7 @@ impl<V, const D: usize> Made<V, D> {
     /// The state after the step, if it converged.
     pub fn state(&self) -> Option<State<D>> {
         let solution = &self.step.solution;
-        (solution.outcome == Outcome::Converged).then(|| State {
-            reaction: solution.reaction.clone(),
-            relative_displacement: solution.relative_displacement.clone(),
-            status: solution.status.clone(),
-            rigid: Vec::new(),
-        })
+        (solution.outcome == Outcome::Converged).then(|| State::after(solution))
     }
 }
 
@@ -97,14 +92,6 @@ pub fn advance<const D: usize, E: Engine<D>>(
         solved = settle_statuses(engine, contacts, solved, begin, settings)?;
     }
     let (point, judged) = (solved.point, solved.judged);
-    let mut total = point.v.clone();
-    if let Some(state) = start.state {
-        for (v, before) in total.iter_mut().zip(&state.relative_displacement) {
-            for k in 1..D {
-                v[k] += before[k];
-            }
-        }
-    }
     let nodes = judged.reaction.iter().zip(&point.v).zip(&contacts.law);
     let gap = nodes.map(|((r, v), law)| bipotential::gap(r, v, *law));
     let status = judged.reaction.iter().zip(&judged.certificate.status);
@@ -127,7 +114,7 @@ pub fn advance<const D: usize, E: Engine<D>>(
         tolerance: judged.tolerance(settings.tol),
         floor: judged.floor(),
         reaction: judged.reaction,
-        relative_displacement: total,
+        relative_displacement: total(&point.v, start.state),
         outcome: solved.outcome,
         iterations: solved.newton,
         work,
