@@ -101,6 +101,13 @@ pub fn collect<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T
     parts.into_iter().flatten().collect()
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+/// A lock that ignores a panic in another thread: the panic is passed on, and the data are then
+/// never read.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The data of a lock, if no other thread can use it.
+pub(crate) fn inner<T>(mutex: Mutex<T>) -> T {
+    mutex.into_inner().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,7 +1,7 @@
 //! K of a mesh, in compressed rows.
 
+use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Mutex, PoisonError};
 
 use crate::assembly::cells::Cells;
 use crate::assembly::element::{Integrator, LANES, Law, Reference};
@@ -138,14 +138,13 @@ impl<const D: usize> Elastic<'_, D> {
                     let valid = integrator.matrices(corners, laws, matrices);
                     let folded = own.iter().zip(valid).filter(|(_, valid)| !valid);
                     if let Some(cell) = folded.map(|(&cell, _)| cell).min() {
-                        let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
+                        let mut bad = tasks::lock(&bad);
                         *bad = Some(bad.map_or(cell, |other| other.min(cell)));
                     }
                 }
             },
         );
-        let bad = bad.into_inner().unwrap_or_else(PoisonError::into_inner);
-        bad.map_or(Ok(()), |cell| Err(Error::FoldedCell { cell }))
+        tasks::inner(bad).map_or(Ok(()), |cell| Err(Error::FoldedCell { cell }))
     }
 }
 

@@ -1,8 +1,9 @@
 //! The predicted cost of a condensation.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use crate::linalg::sparse::symbolic::Counts;
+use crate::tasks::lock;
 
 /// Counts of the analysis, summed over the bodies.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -48,11 +49,11 @@ impl Notice {
     /// A later forecast replaces one that was not read: bodies that a few contacts do not hold
     /// are analysed again with all contacts.
     pub fn leave(&self, forecast: Forecast) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(forecast);
+        *lock(&self.0) = Some(forecast);
     }
 
     /// The forecast, once.
     pub fn take(&self) -> Option<Forecast> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+        lock(&self.0).take()
     }
 }

@@ -9,7 +9,7 @@ use std::ops::{Deref, DerefMut, Range};
 use std::sync::Mutex;
 
 use crate::linalg::pages::{release, zeros};
-use crate::linalg::sparse::task_tree::lock;
+use crate::tasks::lock;
 
 /// The end of an arena from which a piece is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

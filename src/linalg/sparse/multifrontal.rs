@@ -20,9 +20,10 @@ use crate::linalg::pages::{release, zeros};
 use crate::linalg::sparse::arena::{Arena, ArenaEnd, Detached, Piece};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
-use crate::linalg::sparse::task_tree::{inner, lock, upwards};
+use crate::linalg::sparse::task_tree::upwards;
 use crate::linalg::sparse::tree_solves::{Forward, SolveColumns};
 use crate::linalg::sparse::tuning;
+use crate::tasks::{inner, lock};
 
 /// S of the kept unknowns and its pivots, without a factor.
 #[derive(Debug)]

@@ -1,7 +1,6 @@
 //! Runs the tasks of a tree in the current rayon pool.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::Scope;
 
@@ -76,15 +75,4 @@ fn descend<'s, T: Clone + Send + Sync + 's>(
         let given = left.clone();
         scope.spawn(move |scope| descend(scope, symbolic, child, given, work));
     }
-}
-
-/// A lock that ignores a panic in another thread: rayon passes the panic on, and the data are
-/// then never read.
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// The data of a lock, if no other thread can use it.
-pub(crate) fn inner<T>(mutex: Mutex<T>) -> T {
-    mutex.into_inner().unwrap_or_else(PoisonError::into_inner)
 }

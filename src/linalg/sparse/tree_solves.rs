@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use crate::linalg::dense::{backward, forward};
 use crate::linalg::packed::{Segment, segments};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
-use crate::linalg::sparse::task_tree::{inner, lock};
+use crate::tasks::{inner, lock};
 
 /// SolveColumns by tasks: for each task the rows of its pivots, column by column, in elimination
 /// numbering; the rows of the kept unknowns come last.
