@@ -506,6 +506,8 @@ class Primal:
         """Bytes of `K` in blocks, and a forecast of the bytes of all else."""
     def with_law(self, law: ContactLaw) -> Primal:
         """The same bodies and contacts with another law of its contacts."""
+    def variables(self) -> ContactVariables:
+        """The contacts, whose places are the unknowns."""
     def rotated(self, rotation: _Floats) -> Primal | None:
         """The same bodies and contacts with `Q B` and `Q g`; rows of all `Q`."""
 
@@ -920,32 +922,20 @@ class PrimalTangent:
 
     def __new__(cls, problem: Primal) -> PrimalTangent: ...
     @property
-    def diagonal(self) -> _Floats:
-        """Estimate of the diagonal of `W`; zero at components without an unknown."""
-    @property
     def order(self) -> int:
         """Number of unknowns."""
     def stiffness(self) -> tuple[_Indices, _Indices, _Floats]:
         """`K` by rows, without the entries between prescribed degrees of freedom."""
-    def free_part(self, load: _Floats, prescribed: _Floats) -> tuple[_Floats, _Floats]:
-        """Relative displacements of prescribed ones, and forces on the unknowns."""
-    def moved(self, y: _Floats) -> _Floats:
-        """Relative displacements `R y` of unknowns."""
-    def work(self, v: _Floats) -> _Floats:
-        """`Rᵀ v` of relative displacements."""
+    def force(self, load: _Floats, prescribed: _Floats) -> _Floats:
+        """Forces on the unknowns."""
     def displacement(self, y: _Floats, prescribed: _Floats) -> _Floats:
         """Displacements of unknowns and prescribed displacements."""
     def solve(
-        self,
-        closed: _Indices,
-        by_r: _Floats,
-        by_v: _Floats,
-        right: _Floats,
-        transposed: bool,
+        self, laws: LinearisedLaws, right: _Floats, transposed: bool
     ) -> _Floats | None:
-        """Solves the system of some contacts; nothing if this does not converge.
+        """Solves the system of laws of its variables; nothing if this does not converge.
 
-        The right side has the rows of these contacts, then those of the unknowns.
+        The right side has the rows of these laws, then those of the unknowns.
         """
 
 def find_outside(values: _Floats, least: float, most: float) -> int | None:

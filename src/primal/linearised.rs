@@ -22,7 +22,6 @@ use crate::primal::frames::Frames;
 use crate::primal::linearised_laws::LinearisedLaws;
 use crate::primal::local::Local;
 use crate::primal::problem::Primal;
-use crate::solver::derivatives::tangent_system::ClosedLaw;
 
 /// Relative residual of each linear system.
 const WANTED: f64 = 1e-13;
@@ -37,11 +36,9 @@ pub struct LinearisedStep<'p, const D: usize> {
 }
 
 impl<'p, const D: usize> LinearisedStep<'p, D> {
-    /// The system of these laws, whose positions are numbers of contacts; `None` if one of them
-    /// determines nothing.
-    pub fn new(problem: &'p Primal<D>, laws: &[ClosedLaw<D>]) -> Option<Self> {
-        let laws = LinearisedLaws::new(&problem.contacts, &problem.stiffness.free, laws)?;
-        Some(Self { problem, laws })
+    /// The system of laws of the contacts of the problem.
+    pub fn new(problem: &'p Primal<D>, laws: LinearisedLaws<D>) -> Self {
+        Self { problem, laws }
     }
 
     /// Solves the system for `s` of each law and `g`, which the solution replaces: `dr` of each

@@ -447,7 +447,7 @@ impl<const D: usize> Primal<D> {
     }
 
     /// The contacts of each body without a support.
-    pub(super) fn floating(&self) -> Vec<Vec<usize>> {
+    pub fn floating(&self) -> Vec<Vec<usize>> {
         let Some(interface) = &self.interface else {
             let all = (0..self.contacts.count()).collect();
             return if self.stiffness.fixed.is_empty() {

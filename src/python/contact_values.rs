@@ -7,8 +7,6 @@ use pyo3::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::small::Block;
-use crate::primal::contacts::Contacts;
-use crate::primal::linearised::spread;
 use crate::python::arrays::{self, Matrix};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::solver::derivatives::tangent_system::ClosedLaw;
@@ -70,44 +68,4 @@ pub(super) fn laws<const D: usize>(
         });
     }
     Ok((laws, own))
-}
-
-/// Estimate of the diagonal of `W = T⁻¹ W̃ T⁻¹`; zero at components without an unknown.
-pub(super) fn diagonal<const D: usize>(contacts: &Contacts<D>, factors: &[f64]) -> Vec<f64> {
-    let mut found = Vec::with_capacity(D * contacts.count());
-    for (i, frame) in contacts.frames.list.iter().enumerate() {
-        let own = contacts.compliance.block(i).diagonal();
-        found.extend((0..D).map(|k| if frame.free[k] { own[k] } else { 0.0 }));
-    }
-    over(&over(&found, factors), factors)
-}
-
-/// Relative displacements `B_f u_f` of prescribed ones.
-pub(super) fn offsets<const D: usize>(
-    contacts: &Contacts<D>,
-    factors: &[f64],
-    prescribed: &[f64],
-) -> Vec<f64> {
-    let none = vec![[0.0; D]; contacts.count()];
-    let v = contacts.frames.offsets(&none, prescribed);
-    over(v.as_flattened(), factors)
-}
-
-/// Relative displacements `R y` of values of the places.
-pub(super) fn moved<const D: usize>(
-    contacts: &Contacts<D>,
-    factors: &[f64],
-    y: &[f64],
-) -> Vec<f64> {
-    over(contacts.frames.at_contacts(y).as_flattened(), factors)
-}
-
-/// `Rᵀ v` of relative displacements, by places.
-pub(super) fn work<const D: usize>(
-    contacts: &Contacts<D>,
-    factors: &[f64],
-    v: &Matrix<'_>,
-    places: usize,
-) -> PyResult<Vec<f64>> {
-    Ok(spread(&contacts.frames, &read("v", v, factors)?, places))
 }

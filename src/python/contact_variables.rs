@@ -13,6 +13,7 @@ use crate::linalg::sparse::csc::narrow;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
+use crate::primal::linearised::spread;
 use crate::primal::nodes::{at_node, set_node};
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::tangent::Tangent;
@@ -21,7 +22,7 @@ use crate::python::arrays::{
     self, Changed, Csr, CsrArrays, CsrOutput, Indices, LawArrays, Matrix, NewIndices, NewMatrix,
     NewVector, Vector,
 };
-use crate::python::contact_values::{diagonal, factors, moved, offsets, work};
+use crate::python::contact_values::{factors, over, read};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 
@@ -48,6 +49,40 @@ impl<const D: usize> InterfaceVariables<D> {
     pub(super) fn factors(&self) -> Vec<f64> {
         let contacts = 0..self.interface.contacts.count();
         factors(D, contacts, self.elliptic.as_ref())
+    }
+
+    /// Estimate of the diagonal of `W = T⁻¹ W̃ T⁻¹`; zero at components without an unknown.
+    fn diagonal(&self) -> Vec<f64> {
+        let (contacts, factors) = (&self.interface.contacts, self.factors());
+        let mut found = Vec::with_capacity(factors.len());
+        for (i, frame) in contacts.frames.list.iter().enumerate() {
+            let own = contacts.compliance.block(i).diagonal();
+            found.extend((0..D).map(|k| if frame.free[k] { own[k] } else { 0.0 }));
+        }
+        over(&over(&found, &factors), &factors)
+    }
+
+    /// `B_f u_f` of prescribed displacements.
+    fn offsets(&self, prescribed: &Vector<'_>) -> PyResult<Vec<f64>> {
+        let prescribed = arrays::numbers("prescribed", prescribed, self.fixed)?;
+        let contacts = &self.interface.contacts;
+        let none = vec![[0.0; D]; contacts.count()];
+        let v = contacts.frames.offsets(&none, prescribed);
+        Ok(over(v.as_flattened(), &self.factors()))
+    }
+
+    /// `R y` of values of the places.
+    fn moved(&self, y: &Vector<'_>) -> PyResult<Vec<f64>> {
+        let y = arrays::numbers("y", y, self.interface.free.len())?;
+        let v = self.interface.contacts.frames.at_contacts(y);
+        Ok(over(v.as_flattened(), &self.factors()))
+    }
+
+    /// `Rᵀ v`, by places.
+    fn work(&self, v: &Matrix<'_>) -> PyResult<Vec<f64>> {
+        let Interface { contacts, free, .. } = &*self.interface;
+        let v = read("v", v, &self.factors())?;
+        Ok(spread(&contacts.frames, &v, free.len()))
     }
 
     /// The same contacts with other laws, in the same variables.
@@ -259,32 +294,22 @@ impl PyContactVariables {
 
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> NewMatrix<'py> {
-        let own = for_either!(&self.kind, inner => {
-            diagonal(&inner.interface.contacts, &inner.factors())
-        });
+        let own = for_either!(&self.kind, inner => inner.diagonal());
         arrays::of_contacts(py, own, self.kind.count())
     }
 
     fn offsets<'py>(&self, py: Python<'py>, prescribed: Vector<'py>) -> PyResult<NewMatrix<'py>> {
-        for_either!(&self.kind, inner => {
-            let prescribed = arrays::numbers("prescribed", &prescribed, inner.fixed)?;
-            let v = offsets(&inner.interface.contacts, &inner.factors(), prescribed);
-            Ok(arrays::of_contacts(py, v, self.kind.count()))
-        })
+        let v = for_either!(&self.kind, inner => inner.offsets(&prescribed)?);
+        Ok(arrays::of_contacts(py, v, self.kind.count()))
     }
 
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<NewMatrix<'py>> {
-        let y = arrays::numbers("y", &y, self.places())?;
-        let v = for_either!(&self.kind, inner => {
-            moved(&inner.interface.contacts, &inner.factors(), y)
-        });
+        let v = for_either!(&self.kind, inner => inner.moved(&y)?);
         Ok(arrays::of_contacts(py, v, self.kind.count()))
     }
 
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<NewVector<'py>> {
-        let y = for_either!(&self.kind, inner => {
-            work(&inner.interface.contacts, &inner.factors(), &v, inner.interface.free.len())?
-        });
+        let y = for_either!(&self.kind, inner => inner.work(&v)?);
         Ok(arrays::from_vec(py, y))
     }
 

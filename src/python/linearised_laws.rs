@@ -13,18 +13,18 @@ use crate::python::contact_variables::{Interface, PyContactTangent, PyContactVar
 use crate::python::dimension::{Dimension, for_either, map_either};
 
 /// Laws, and the interface of their contacts.
-struct InterfaceLaws<const D: usize> {
-    laws: LinearisedLaws<D>,
+pub(super) struct InterfaceLaws<const D: usize> {
+    pub(super) laws: LinearisedLaws<D>,
     interface: Arc<Interface<D>>,
 }
 
 /// The linearised laws of one step in the form of a Newton step.
 #[pyclass(name = "LinearisedLaws", module = "bipot_rs._core")]
 pub(super) struct PyLinearisedLaws {
-    kind: Dimension<InterfaceLaws<2>, InterfaceLaws<3>>,
+    pub(super) kind: Dimension<InterfaceLaws<2>, InterfaceLaws<3>>,
     /// `T` of the contacts of the laws, component by component: `r = T r̃`.
-    factors: Vec<f64>,
-    places: usize,
+    pub(super) factors: Vec<f64>,
+    pub(super) places: usize,
 }
 
 /// A tangent, and right sides of laws.

@@ -13,6 +13,7 @@ use crate::primal::path::PrimalPath;
 use crate::primal::problem::{Primal, check_contacts};
 use crate::python::arrays::{self, Csr, CsrArrays, Indices, LawArrays, Matrix, NewVector, Vector};
 use crate::python::condensed_arrays::Loads;
+use crate::python::contact_variables::{Interface, InterfaceVariables, PyContactVariables};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
 use crate::python::load_path::{ContactArrays, state_of_contacts};
@@ -99,6 +100,19 @@ impl Arguments<'_> {
 }
 
 impl<const D: usize> PrimalArrays<D> {
+    fn variables(&self) -> InterfaceVariables<D> {
+        let problem = &self.problem;
+        InterfaceVariables {
+            interface: Arc::new(Interface {
+                contacts: problem.contacts.clone(),
+                free: problem.stiffness.free.clone(),
+                floating: problem.floating(),
+            }),
+            elliptic: self.elliptic.clone(),
+            fixed: problem.stiffness.fixed.len(),
+        }
+    }
+
     fn with_law(&self, law: &LawArrays<'_>) -> PyResult<Self> {
         let (law, elliptic) = law.read(D)?;
         let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
@@ -210,6 +224,12 @@ impl PyPrimal {
             None => return Ok(None),
         });
         Ok(Some(Self { kind }))
+    }
+
+    /// The contacts; the places are the unknowns.
+    fn variables(&self) -> PyContactVariables {
+        let kind = map_either!(&self.kind, inner => inner.variables());
+        PyContactVariables { kind }
     }
 
     #[getter]

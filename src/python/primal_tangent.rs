@@ -1,55 +1,39 @@
 //! Derivatives of the steps of a load path in the displacements.
 
+use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Mutex, PoisonError};
 
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::error::check_length;
 use crate::linalg::amg::following::Following;
 use crate::primal::linearised::LinearisedStep;
-use crate::python::arrays::{self, CsrOutput, Indices, Matrix, NewMatrix, NewVector, Vector};
-use crate::python::contact_values::{diagonal, factors, laws, moved, offsets, scale, work};
+use crate::primal::linearised_laws::LinearisedLaws;
+use crate::python::arrays::{self, CsrOutput, NewVector, Vector};
+use crate::python::contact_values::scale;
 use crate::python::dimension::{Dimension, for_either};
 use crate::python::interrupt;
+use crate::python::linearised_laws::PyLinearisedLaws;
 use crate::python::primal::{PrimalArrays, PyPrimal};
-use crate::python::tangent::Free;
+use crate::tasks::lock;
 
 /// Linearised steps in the displacements, whose unknowns take the place of rigid motions.
 #[pyclass(frozen, name = "PrimalTangent", module = "bipot_rs._core")]
 pub(super) struct PyPrimalTangent {
     kind: Dimension<PrimalArrays<2>, PrimalArrays<3>>,
-    /// `T` of all contacts, component by component.
-    factors: Vec<f64>,
     /// The hierarchy of the last linear system.
     hierarchy: Mutex<Option<Following>>,
 }
-
-/// The arguments of a linear system: contacts, laws and right side.
-type Given<'a, 'py> = (&'a [usize], (&'a Matrix<'py>, &'a Matrix<'py>), &'a [f64]);
 
 #[pymethods]
 impl PyPrimalTangent {
     #[new]
     fn new(problem: &PyPrimal) -> Self {
-        let kind = problem.kind.clone();
-        let factors = for_either!(&kind, inner => {
-            let contacts = 0..inner.problem.contacts.count();
-            factors(kind.count(), contacts, inner.elliptic.as_ref())
-        });
         Self {
-            kind,
-            factors,
+            kind: problem.kind.clone(),
             hierarchy: Mutex::new(None),
         }
-    }
-
-    #[getter]
-    fn diagonal<'py>(&self, py: Python<'py>) -> NewMatrix<'py> {
-        let own = for_either!(&self.kind, inner => {
-            diagonal(&inner.problem.contacts, &self.factors)
-        });
-        self.square(py, own)
     }
 
     #[getter]
@@ -62,31 +46,15 @@ impl PyPrimalTangent {
         arrays::from_csr(py, matrix)
     }
 
-    fn free_part<'py>(
+    fn force<'py>(
         &self,
         py: Python<'py>,
         load: Vector<'py>,
         prescribed: Vector<'py>,
-    ) -> PyResult<Free<'py>> {
+    ) -> PyResult<NewVector<'py>> {
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
-        let (q, e) = for_either!(&self.kind, inner => {
-            let e = inner.problem.force(load, prescribed)?.values;
-            (offsets(&inner.problem.contacts, &self.factors, prescribed), e)
-        });
-        Ok((self.square(py, q), arrays::from_vec(py, e)))
-    }
-
-    fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<NewMatrix<'py>> {
-        let y = arrays::numbers("y", &y, self.order())?;
-        let v = for_either!(&self.kind, inner => moved(&inner.problem.contacts, &self.factors, y));
-        Ok(self.square(py, v))
-    }
-
-    fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<NewVector<'py>> {
-        let y = for_either!(&self.kind, inner => {
-            work(&inner.problem.contacts, &self.factors, &v, inner.problem.order())?
-        });
-        Ok(arrays::from_vec(py, y))
+        let force = for_either!(&self.kind, inner => inner.problem.force(load, prescribed)?);
+        Ok(arrays::from_vec(py, force.values))
     }
 
     fn displacement<'py>(
@@ -104,55 +72,50 @@ impl PyPrimalTangent {
     fn solve<'py>(
         &self,
         py: Python<'py>,
-        closed: Indices<'py>,
-        by_r: Matrix<'py>,
-        by_v: Matrix<'py>,
+        laws: &PyLinearisedLaws,
         right: Vector<'py>,
         transposed: bool,
     ) -> PyResult<Option<NewVector<'py>>> {
-        let closed = arrays::indices(&closed, "closed")?;
-        let given = (&closed[..], (&by_r, &by_v), right.as_slice()?);
-        let found = for_either!(&self.kind, inner => {
-            self.solved(py, inner, given, transposed)?
-        });
+        check_length("places of laws", laws.places, self.order())?;
+        let (factors, right) = (&laws.factors, right.as_slice()?);
+        let found = match (&self.kind, &laws.kind) {
+            (Dimension::Plane(inner), Dimension::Plane(own)) => {
+                self.solved(py, inner, (&own.laws, factors), right, transposed)?
+            }
+            (Dimension::Space(inner), Dimension::Space(own)) => {
+                self.solved(py, inner, (&own.laws, factors), right, transposed)?
+            }
+            _ => return Err(PyValueError::new_err("laws are of another dimension")),
+        };
         Ok(found.map(|x| arrays::from_vec(py, x)))
     }
 }
 
 impl PyPrimalTangent {
-    fn square<'py>(&self, py: Python<'py>, values: Vec<f64>) -> NewMatrix<'py> {
-        arrays::of_contacts(py, values, self.kind.count())
-    }
-
     fn solved<const D: usize>(
         &self,
         py: Python<'_>,
         arrays: &PrimalArrays<D>,
-        (closed, law, right): Given<'_, '_>,
+        (laws, factors): (&LinearisedLaws<D>, &[f64]),
+        right: &[f64],
         transposed: bool,
     ) -> PyResult<Option<Vec<f64>>> {
         let problem = &arrays.problem;
-        let m = D * closed.len();
+        let m = factors.len();
         check_length("right", right.len(), m + problem.order())?;
-        let (laws, factors) = laws(closed, law, &self.factors)?;
         let (mut own, mut rest) = (right[..m].to_vec(), right[m..].to_vec());
         let run = |stop: &AtomicBool| {
-            let Some(mut system) = LinearisedStep::new(problem, &laws) else {
-                return Ok(None);
-            };
-            let mut hierarchy = self
-                .hierarchy
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner);
+            let mut system = LinearisedStep::new(problem, laws.clone());
+            let mut hierarchy = lock(&self.hierarchy);
             // r = T r̃.
             let reached = if transposed {
-                scale(&mut own, &factors);
+                scale(&mut own, factors);
                 let own = own.as_chunks_mut().0;
                 system.solve_transposed(own, &mut rest, &mut hierarchy, stop)?
             } else {
                 let rows = own.as_chunks_mut().0;
                 let reached = system.solve(rows, &mut rest, &mut hierarchy, stop)?;
-                scale(&mut own, &factors);
+                scale(&mut own, factors);
                 reached
             };
             own.extend(rest);

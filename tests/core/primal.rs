@@ -18,6 +18,7 @@ use bipot_rs::path::stepping::LoadPath;
 use bipot_rs::primal::certificate::{Point, contacts_alone, judge};
 use bipot_rs::primal::engine::Engine;
 use bipot_rs::primal::linearised::{LinearisedStep, spread};
+use bipot_rs::primal::linearised_laws::LinearisedLaws;
 use bipot_rs::primal::local::Local;
 use bipot_rs::primal::path::{PrimalPath, PrimalStep};
 use bipot_rs::primal::problem::Primal;
@@ -442,7 +443,8 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
         let s: Vec<[f64; 3]> = s.iter().map(|s| s.map(|s| unit * s)).collect();
         let g = mask(random(n, seed + 4));
         let (mut dr, mut dy, mut hierarchy) = (s.clone(), g.clone(), None);
-        let mut step = LinearisedStep::new(&problem, &laws).unwrap();
+        let all = LinearisedLaws::new(&problem.contacts, &problem.stiffness.free, &laws);
+        let mut step = LinearisedStep::new(&problem, all.unwrap());
         assert!(step.solve(&mut dr, &mut dy, &mut hierarchy, &GO).unwrap());
         let mut engine = Local::new(&problem, &GO, None);
         let whole = |own: &[[f64; 3]]| {

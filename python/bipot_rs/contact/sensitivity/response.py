@@ -299,9 +299,9 @@ class DisplacementResponse(PathResponse):
     """
 
     def __init__(self, core: _core.Primal) -> None:
-        self._core = _core.PrimalTangent(core)
+        self._core, self._variables = _core.PrimalTangent(core), core.variables()
         self.motions = self._core.order
-        self.diagonal = self._core.diagonal
+        self.diagonal = self._variables.diagonal
 
     def stiffness(self) -> Any:
         """K, sparse, with the zeros of the blocks of its nodes."""
@@ -312,10 +312,16 @@ class DisplacementResponse(PathResponse):
         return self.diagonal > 0
 
     def factor_laws(self, laws: Laws) -> KrylovSystem:
-        """The system (33) of these laws."""
+        """The system (33) of these laws.
+
+        Raises `Stalled`: one of them determines nothing.
+        """
+        linearised = _core.LinearisedLaws.of(self._variables, *laws.parts)
+        if linearised is None:
+            raise Stalled
 
         def solve_row(right: Floats, transposed: bool) -> Floats:
-            solution = self._core.solve(*laws.parts, right, transposed)
+            solution = self._core.solve(linearised, right, transposed)
             if solution is None:
                 raise Stalled
             return solution
@@ -324,15 +330,15 @@ class DisplacementResponse(PathResponse):
 
     def find_relative_motion(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""
-        return self._core.moved(np.ascontiguousarray(rigid))
+        return self._variables.moved(np.ascontiguousarray(rigid))
 
     def work(self, v: Floats) -> Floats:
         """``Rᵀ v`` of relative displacements."""
-        return self._core.work(np.ascontiguousarray(v))
+        return self._variables.work(np.ascontiguousarray(v))
 
     def free(self, load: Floats, prescribed: Floats) -> tuple[Floats, Floats]:
         """``B_f u_f (n_c, d)`` of prescribed displacements, and forces on the unknowns."""
-        return self._core.free_part(load, prescribed)
+        return self._variables.offsets(prescribed), self._core.force(load, prescribed)
 
     def displacements(
         self, states: list[tuple[Floats, Floats, Floats, Floats]]

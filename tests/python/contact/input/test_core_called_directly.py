@@ -174,6 +174,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
 
     iterated, unknowns = _core.PrimalTangent(primal), np.ones(4)
     right = np.ones(ROWS.size // 2 + 4)
+    of_primal = _core.LinearisedLaws.of(primal.variables(), CLOSED, STICKS, ROWS)
     # Two free nodes of one body that is held.
     free, blocks, body = np.zeros(4, np.int64), np.ones((2, 4)), np.zeros(2, np.int64)
     interface = [EYE, GAP, MU, free, 0, blocks, body, np.ones(1, np.int64)]
@@ -226,12 +227,10 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         (linear.solve, RIGHT),
         (linear.solve_transposed, RIGHT),
         (_core.PrimalTangent, primal),
-        (iterated.free_part, LOAD, NONE),
-        (iterated.moved, unknowns),
-        (iterated.work, GAP),
+        (iterated.force, LOAD, NONE),
         (iterated.displacement, unknowns, NONE),
-        (iterated.solve, CLOSED, STICKS, ROWS, right, False),
-        (iterated.solve, CLOSED, STICKS, ROWS, right, True),
+        (iterated.solve, of_primal, right, False),
+        (iterated.solve, of_primal, right, True),
         (_core.StiffnessRows, space, np.array([0])),
         (_core.bodies, EYE, np.eye(4)[:, :2].copy(), True),
         (_core.diagonal, EYE),
