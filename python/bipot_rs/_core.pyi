@@ -74,6 +74,8 @@ _Floats = NDArray[np.float64]
 _Indices = Integers
 # Row pointers, column indices, values.
 _Csr = tuple[_Indices, _Indices, _Floats]
+# Method, tolerance, most iterations and most seconds.
+_Settings = tuple[str, float, int | None, float | None]
 # As `bodies` returns.
 _Bodies = tuple[
     _Floats,
@@ -98,12 +100,7 @@ METHODS: Final[list[str]]
 def threads() -> int:
     """How many are used where no argument says it."""
 
-def check_settings(
-    method: str,
-    tol: float,
-    max_iterations: int | None,
-    max_seconds: float | None,
-) -> None:
+def check_settings(settings: _Settings) -> None:
     """Refuses settings that are out of range, as each solve does."""
 
 def stiffness(
@@ -471,10 +468,7 @@ class Path:
         load: _Floats,
         prescribed: _Floats,
         gap: _Floats | None,
-        method: str,
-        tol: float,
-        max_iterations: int | None,
-        max_seconds: float | None,
+        settings: _Settings,
     ) -> LoadStep:
         """One step to the total loads; the path moves on only where it converged.
 
@@ -541,10 +535,7 @@ class PrimalPath:
         load: _Floats,
         prescribed: _Floats,
         gap: _Floats | None,
-        method: str,
-        tol: float,
-        max_iterations: int | None,
-        max_seconds: float | None,
+        settings: _Settings,
         again: bool = False,
         draft: bool = False,
     ) -> tuple[NewtonStep, _Floats]:
@@ -711,10 +702,7 @@ class ContactPath:
         force: _V,
         prescribed: _Floats,
         gap: _Floats | None,
-        method: str,
-        tol: float,
-        max_iterations: int | None,
-        max_seconds: float | None,
+        settings: _Settings,
         near: bool = False,
         draft: bool = False,
     ) -> tuple[NewtonStep, _V]:
@@ -829,10 +817,7 @@ class Reduced:
         """Whether amounts of normal displacements prove that contacts contradict."""
     def solve(
         self,
-        method: str,
-        tol: float,
-        max_iterations: int | None,
-        max_seconds: float | None,
+        settings: _Settings,
         reaction: _Floats | None,
         rigid: _Floats | None,
         num_threads: int | None,
@@ -947,10 +932,7 @@ def is_sparse(blocks: int, contacts: int) -> bool:
 def follow(
     paths: list[Path],
     cases: list[list[tuple[_Floats, _Floats, _Floats | None]]],
-    method: str,
-    tol: float,
-    max_iterations: int | None,
-    max_seconds: float | None,
+    settings: _Settings,
 ) -> list[tuple[list[LoadStep], Exception | None]]:
     """Takes several paths through their steps, side by side.
 

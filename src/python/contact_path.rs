@@ -20,7 +20,7 @@ use crate::python::contact_variables::{
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::load_path::{ContactArrays, state_of_contacts};
 use crate::python::solution::PyNewtonStep;
-use crate::python::solver::settings;
+use crate::python::solver::{GivenSettings, read_settings};
 use crate::reduced::elliptic_scaling::times;
 use crate::solver::Settings;
 
@@ -236,7 +236,7 @@ impl PyContactPath {
         Ok(Self { progress })
     }
 
-    #[pyo3(signature = (engine, start, force, prescribed, gap, method, tol, max_iterations, max_seconds, near=false, draft=false))]
+    #[pyo3(signature = (engine, start, force, prescribed, gap, settings, near=false, draft=false))]
     fn step<'py>(
         &mut self,
         engine: Bound<'py, PyAny>,
@@ -244,14 +244,11 @@ impl PyContactPath {
         force: Bound<'py, PyAny>,
         prescribed: Vector<'py>,
         gap: Option<Matrix<'py>>,
-        method: &str,
-        tol: f64,
-        max_iterations: Option<usize>,
-        max_seconds: Option<f64>,
+        settings: GivenSettings,
         near: bool,
         draft: bool,
     ) -> PyResult<Solved<'py>> {
-        let settings = settings(method, tol, max_iterations, max_seconds)?;
+        let settings = read_settings(settings)?;
         let objects = Objects {
             engine: &engine,
             start,

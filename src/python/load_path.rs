@@ -16,7 +16,7 @@ use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
 use crate::python::problem::PyCondensed;
 use crate::python::solution::PyLoadStep;
-use crate::python::solver::settings;
+use crate::python::solver::{GivenSettings, read_settings};
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::solver::{Outcome, Settings};
 use crate::tasks;
@@ -185,19 +185,15 @@ impl PyPath {
         Ok(Self { progress })
     }
 
-    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds))]
     fn step(
         &mut self,
         py: Python<'_>,
         load: Vector<'_>,
         prescribed: Vector<'_>,
         gap: Option<Matrix<'_>>,
-        method: &str,
-        tol: f64,
-        max_iterations: Option<usize>,
-        max_seconds: Option<f64>,
+        settings: GivenSettings,
     ) -> PyResult<PyLoadStep> {
-        let settings = settings(method, tol, max_iterations, max_seconds)?;
+        let settings = read_settings(settings)?;
         let loads = (load.as_slice()?, prescribed.as_slice()?);
         for_either!(&mut self.progress, path => path.step(py, loads, gap.as_ref(), &settings))
     }
@@ -228,12 +224,9 @@ pub(super) fn follow<'py>(
     py: Python<'py>,
     mut paths: Vec<PyRefMut<'py, PyPath>>,
     cases: Vec<Vec<StepArrays<'py>>>,
-    method: &str,
-    tol: f64,
-    max_iterations: Option<usize>,
-    max_seconds: Option<f64>,
+    settings: GivenSettings,
 ) -> PyResult<Vec<(Vec<PyLoadStep>, Option<Py<PyAny>>)>> {
-    let settings = settings(method, tol, max_iterations, max_seconds)?;
+    let settings = read_settings(settings)?;
     let threads = paths
         .first()
         .and_then(|path| for_either!(&path.progress, path => path.problem.num_threads));

@@ -18,7 +18,7 @@ use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
 use crate::python::load_path::{ContactArrays, state_of_contacts};
 use crate::python::solution::PyNewtonStep;
-use crate::python::solver::settings;
+use crate::python::solver::{GivenSettings, read_settings};
 use crate::python::stiffness_rows::PyStiffnessRows;
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::memory::Budget;
@@ -316,21 +316,18 @@ impl PyPrimalPath {
     ///
     /// `again` makes the last step once more, with other loads, from its solution; `draft`
     /// leaves out the estimate of its errors.
-    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds, again=false, draft=false))]
+    #[pyo3(signature = (load, prescribed, gap, settings, again=false, draft=false))]
     fn step<'py>(
         &mut self,
         py: Python<'py>,
         load: Vector<'py>,
         prescribed: Vector<'py>,
         gap: Option<Matrix<'py>>,
-        method: &str,
-        tol: f64,
-        max_iterations: Option<usize>,
-        max_seconds: Option<f64>,
+        settings: GivenSettings,
         again: bool,
         draft: bool,
     ) -> PyResult<Solved<'py>> {
-        let settings = settings(method, tol, max_iterations, max_seconds)?;
+        let settings = read_settings(settings)?;
         let loads = (load.as_slice()?, prescribed.as_slice()?);
         for_either!(&mut self.progress, path => {
             if again {

@@ -10,7 +10,7 @@ use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::estimate::{self, Estimate};
 use crate::python::reduced_arrays::{Answers, IslandArrays, ReducedArrays};
 use crate::python::solution::PySolution;
-use crate::python::solver::settings;
+use crate::python::solver::{GivenSettings, read_settings};
 use crate::python::tangent::{self, PyTangentSystem};
 use crate::reduced::existence::is_contradiction;
 
@@ -70,20 +70,17 @@ impl PyReduced {
         })
     }
 
-    #[pyo3(signature = (method, tol, max_iterations, max_seconds, reaction, rigid, num_threads, callback=None))]
+    #[pyo3(signature = (settings, reaction, rigid, num_threads, callback=None))]
     fn solve(
         &self,
         py: Python<'_>,
-        method: &str,
-        tol: f64,
-        max_iterations: Option<usize>,
-        max_seconds: Option<f64>,
+        settings: GivenSettings,
         reaction: Option<Matrix<'_>>,
         rigid: Option<Vector<'_>>,
         num_threads: Option<usize>,
         callback: Option<Py<PyAny>>,
     ) -> PyResult<PySolution> {
-        let settings = settings(method, tol, max_iterations, max_seconds)?;
+        let settings = read_settings(settings)?;
         let rigid = rigid.map_or(Ok(Vec::new()), |a| a.as_slice().map(<[f64]>::to_vec))?;
         let start = (reaction.as_ref(), rigid);
         let callback = callback.as_ref();

@@ -111,22 +111,16 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
 }
 
 #[pyfunction]
-pub(super) fn check_settings(
-    method: &str,
-    tol: f64,
-    max_iterations: Option<usize>,
-    max_seconds: Option<f64>,
-) -> PyResult<()> {
-    settings(method, tol, max_iterations, max_seconds).map(drop)
+pub(super) fn check_settings(settings: GivenSettings) -> PyResult<()> {
+    read_settings(settings).map(drop)
 }
 
+/// Method, tolerance, most iterations and most seconds: a `Settings` of Python.
+pub(super) type GivenSettings = (String, f64, Option<usize>, Option<f64>);
+
 /// Checks the settings that Python passes.
-pub(super) fn settings(
-    method: &str,
-    tol: f64,
-    max_iterations: Option<usize>,
-    max_seconds: Option<f64>,
-) -> PyResult<Settings> {
+pub(super) fn read_settings(given: GivenSettings) -> PyResult<Settings> {
+    let (method, tol, max_iterations, max_seconds) = given;
     let named = Method::NAMES.iter().find(|(name, _)| *name == method);
     let Some(&(_, method)) = named else {
         return Err(PyValueError::new_err(format!(

@@ -570,7 +570,7 @@ def settings(
     seconds = None if max_seconds is None else number("max_seconds", max_seconds)
     # As `Settings(...)`, whose own `__new__` takes twice as long.
     checked = tuple.__new__(Settings, (method, number("tol", tol), limit, seconds))
-    _core.check_settings(*checked)
+    _core.check_settings(checked)
     return checked
 
 

@@ -300,7 +300,7 @@ class ReducedProblem:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
             num_threads = threads(num_threads)
-        core = self._problem.solve(*chosen, reaction, rigid, num_threads, callback)
+        core = self._problem.solve(chosen, reaction, rigid, num_threads, callback)
         return self._complete(core, method, chosen.max_seconds)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:

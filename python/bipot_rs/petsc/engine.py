@@ -290,7 +290,7 @@ class PetscPath:
         engine.solver.begin()
         y = operator.make_zeros() if u is None else operator.to_unknowns(u)
         force = engine.make_force(load, prescribed)
-        asked = force, prescribed, gap, *settings
+        asked = force, prescribed, gap, settings
         core, y = self._core.step(self._operations, y, *asked, near, draft)
         engine.record.newton += core.newton
         engine.record.krylov += core.krylov

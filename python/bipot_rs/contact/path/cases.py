@@ -62,7 +62,7 @@ def solve_cases(
         [(f, u, None if gap is None else list_components(gap)) for f, u, gap in steps]
         for steps in totals
     ]
-    answers = _core.follow(direct, plain, *settings)
+    answers = _core.follow(direct, plain, settings)
     return [
         path.take_all(steps, answer)
         for (path, steps), answer in zip(parts, answers, strict=True)

@@ -103,7 +103,7 @@ class DirectPath:
         settings: Settings,
     ) -> Step:
         """Make a step to the total loads."""
-        return make_step(self.core.step(load, prescribed, gap, *settings))
+        return make_step(self.core.step(load, prescribed, gap, settings))
 
 
 @dataclass(frozen=True)

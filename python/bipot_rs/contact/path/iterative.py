@@ -266,7 +266,7 @@ class IterativePath:
         """One step of the core, and why it stalled if it did."""
         if gap is not None:
             gap = self._iterative.turned(gap)
-        asked = load, prescribed, gap, *settings
+        asked = load, prescribed, gap, settings
         core, displacement = self._core.step(*asked, again, draft)
         record = self._iterative.record
         record.newton += core.newton
