@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 
-use crate::error::Error;
 use crate::linalg::sparse::csc::{Index, Symmetric, Symmetry, mix};
 use crate::linalg::sparse::rows::OwnedMatrix;
 
@@ -214,32 +213,4 @@ pub fn split(k: OwnedMatrix, component: &[usize]) -> Vec<(Vec<usize>, OwnedMatri
         part.push(own.map(|(i, value)| (local[i], value)));
     }
     parts
-}
-
-/// Position in `list` of each index below `n`.
-pub fn positions(
-    what: &'static str,
-    list: &[usize],
-    n: usize,
-) -> Result<Vec<Option<usize>>, Error> {
-    let mut position = vec![None; n];
-    for (k, &index) in list.iter().enumerate() {
-        let Some(slot) = position.get_mut(index) else {
-            return Err(Error::IndexRange {
-                what,
-                position: k,
-                found: index,
-                limit: n,
-            });
-        };
-        if let Some(first) = slot.replace(k) {
-            return Err(Error::Repeated {
-                what,
-                index,
-                first,
-                second: k,
-            });
-        }
-    }
-    Ok(position)
 }

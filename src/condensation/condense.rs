@@ -24,7 +24,7 @@ use crate::condensation::tuning;
 use crate::error::{Error, check_finite, check_length};
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::small::{TURNED, amax, norm};
-use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::csc::{Symmetric, positions};
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::elliptic_scaling::EllipticScaling;
@@ -96,7 +96,7 @@ impl<const D: usize> SortedProblem<D> {
         given.contact.check("B", rows, n)?;
         check_finite("gap", given.gap.as_flattened())?;
         contact_law::check(given.law, given.gap.len())?;
-        let position = connected::positions("fixed", given.fixed, n)?;
+        let position = positions("fixed", given.fixed, n)?;
         let symmetry = given.stiffness.check_symmetry()?;
 
         let (free, global) = connected::free_part(&given.stiffness, symmetry, &position);

@@ -2,10 +2,10 @@
 
 use std::sync::OnceLock;
 
-use crate::bodies::connected;
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::ABSENT;
 use crate::linalg::amg::symmetric_blocks::{SymmetricBlocks, UpperBlocks};
+use crate::linalg::sparse::csc::positions;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::nodes::Nodes;
 use crate::primal::problem::Stiffness;
@@ -29,7 +29,7 @@ impl StiffnessRows {
     /// Without a row.
     pub fn new(nodes: Nodes, fixed: &[usize]) -> Result<Self, Error> {
         let n = nodes.place.len();
-        let position = connected::positions("fixed", fixed, n)?;
+        let position = positions("fixed", fixed, n)?;
         let free = |(&at, position): (&u32, &Option<usize>)| position.map_or(at, |_| ABSENT);
         let place = nodes.place.iter().zip(&position).map(free).collect();
         Ok(Self {

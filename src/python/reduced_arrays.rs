@@ -11,7 +11,6 @@ use pyo3::prelude::*;
 use crate::error::{Error, check_length};
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::blocks::Blocks;
-use crate::linalg::sparse::rows::Rows;
 use crate::proof::uniqueness::Unique;
 use crate::python::arrays::{self, Csr, CsrArrays, LawArrays, Matrix, Vector};
 use crate::python::interrupt;
@@ -73,12 +72,7 @@ impl<const D: usize> ReducedArrays<D> {
         let mut motions = RigidMotions::default();
         if !load.is_empty() {
             let csr = CsrArrays::new(modes, "R", None)?;
-            let rows = Rows {
-                row_ptr: &csr.pointer,
-                columns: &csr.index,
-                values: csr.values,
-            };
-            motions = RigidMotions::from_rows(rows, q.len(), load.len())?;
+            motions = RigidMotions::from_rows(csr.rows(), q.len(), load.len())?;
         }
         if let Some(elliptic) = &elliptic {
             let scale =

@@ -400,11 +400,8 @@ fn line(
         rows.extend(near.filter(|&i| i == j || !missing(i.min(j), i.max(j))));
         start.push(rows.len());
     }
-    let place = |j| {
-        let at = kept.iter().position(|&k| k == j);
-        at.map(|at| u32::try_from(at).unwrap())
-    };
-    let place: Vec<Option<u32>> = (0..3 * nodes).map(place).collect();
+    let place = |j| kept.iter().position(|&k| k == j);
+    let place: Vec<Option<usize>> = (0..3 * nodes).map(place).collect();
     SupervariableGraph::new(&start, &rows, kept, &place)
 }
 

@@ -333,6 +333,34 @@ impl<'a, I: Index> Symmetric<'a, I> {
     }
 }
 
+/// Position in `list` of each index below `n`.
+pub fn positions(
+    what: &'static str,
+    list: &[usize],
+    n: usize,
+) -> Result<Vec<Option<usize>>, Error> {
+    let mut position = vec![None; n];
+    for (k, &index) in list.iter().enumerate() {
+        let Some(slot) = position.get_mut(index) else {
+            return Err(Error::IndexRange {
+                what,
+                position: k,
+                found: index,
+                limit: n,
+            });
+        };
+        if let Some(first) = slot.replace(k) {
+            return Err(Error::Repeated {
+                what,
+                index,
+                first,
+                second: k,
+            });
+        }
+    }
+    Ok(position)
+}
+
 /// An index in 32 bits; the analysis has checked that this suffices.
 pub(crate) fn narrow(i: usize) -> u32 {
     u32::try_from(i).expect("sizes are checked at the border")

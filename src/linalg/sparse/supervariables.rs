@@ -39,7 +39,7 @@ impl Groups {
     fn new<'a>(
         column: impl Fn(usize) -> &'a [usize] + Copy,
         kept: &[usize],
-        place: &[Option<u32>],
+        place: &[Option<usize>],
         is_one: &SameNode,
     ) -> Self {
         let mut node_of = vec![0_u32; place.len()];
@@ -91,7 +91,7 @@ impl SupervariableGraph {
         col_ptr: &[usize],
         row_idx: &[usize],
         kept: &[usize],
-        place: &[Option<u32>],
+        place: &[Option<usize>],
     ) -> Self {
         let column = |j: usize| &row_idx[col_ptr[j]..col_ptr[j + 1]];
         let group = |is_one: &SameNode| Groups::new(column, kept, place, is_one);
@@ -122,7 +122,7 @@ impl SupervariableGraph {
         this
     }
 
-    fn collect_members(&mut self, nodes: usize, kept: &[usize], place: &[Option<u32>]) {
+    fn collect_members(&mut self, nodes: usize, kept: &[usize], place: &[Option<usize>]) {
         let mut start = vec![0; nodes + 1];
         for &v in &self.node_of {
             start[v as usize + 1] += 1;

@@ -16,7 +16,7 @@ use std::time::Instant;
 use crate::error::{Error, check_finite, check_length};
 use crate::linalg::packed::{Packed, Panel, Run};
 use crate::linalg::pages::zeros;
-use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::csc::{Symmetric, positions};
 use crate::linalg::sparse::ordering::{Graph, by_coordinates, by_metis};
 use crate::linalg::sparse::supervariables::SupervariableGraph;
 use crate::linalg::sparse::symbolic::layout::Layout;
@@ -182,7 +182,7 @@ impl Symbolic {
         let begin = Instant::now();
         let n = k.n();
         check_sizes(k)?;
-        let place = places_of_kept(n, kept)?;
+        let place = positions("list of kept degrees of freedom", kept, n)?;
         if let Some(at) = options.coordinates {
             check_length("coordinates", at.len(), n)?;
             check_finite("coordinates", at.as_flattened())?;
@@ -388,29 +388,6 @@ fn check_sizes(k: &Symmetric) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-/// Place of each kept unknown in `kept`.
-fn places_of_kept(n: usize, kept: &[usize]) -> Result<Vec<Option<u32>>, Error> {
-    let mut place: Vec<Option<u32>> = vec![None; n];
-    for (position, &dof) in kept.iter().enumerate() {
-        let slot = place.get_mut(dof).ok_or(Error::IndexRange {
-            what: "list of kept degrees of freedom",
-            position,
-            found: dof,
-            limit: n,
-        })?;
-        if let Some(first) = *slot {
-            return Err(Error::Repeated {
-                what: "list of kept degrees of freedom",
-                index: dof,
-                first: first as usize,
-                second: position,
-            });
-        }
-        *slot = u32::try_from(position).ok();
-    }
-    Ok(place)
 }
 
 /// The order of the interior nodes with fewer operations, its tree, its name, and the seconds
