@@ -36,13 +36,13 @@ __all__ = [
     "Reduced",
     "ReducedSolution",
     "SequenceFields",
+    "Settings",
     "Statics",
     "StiffnessRows",
     "TangentSystem",
     "TangentView",
     "bodies",
     "build_profile",
-    "check_settings",
     "combine_motions",
     "connected",
     "diagonal",
@@ -74,8 +74,6 @@ _Floats = NDArray[np.float64]
 _Indices = Integers
 # Row pointers, column indices, values.
 _Csr = tuple[_Indices, _Indices, _Floats]
-# Method, tolerance, most iterations and most seconds.
-_Settings = tuple[str, float, int | None, float | None]
 # As `bodies` returns.
 _Bodies = tuple[
     _Floats,
@@ -99,9 +97,6 @@ METHODS: Final[list[str]]
 
 def threads() -> int:
     """How many are used where no argument says it."""
-
-def check_settings(settings: _Settings) -> None:
-    """Refuses settings that are out of range, as each solve does."""
 
 def stiffness(
     points: _Floats,
@@ -152,6 +147,27 @@ def isotropic(mu: _Floats, d: int) -> tuple[_Floats, _Floats]:
     With these factors as the diagonal matrix ``T``, the law holds between ``T⁻¹ r`` and
     ``T v``.
     """
+
+@final
+class Settings:
+    """The settings of a solve, checked once; a number out of range is a `ValueError`."""
+
+    def __new__(
+        cls,
+        method: str,
+        tol: float,
+        max_iterations: int | None,
+        max_seconds: float | None,
+    ) -> Settings: ...
+    @property
+    def method(self) -> str: ...
+    @property
+    def tol(self) -> float: ...
+    @property
+    def max_iterations(self) -> int: ...
+    @property
+    def max_seconds(self) -> float | None:
+        """None without a limit."""
 
 @final
 class ReducedSolution:
@@ -468,7 +484,7 @@ class Path:
         load: _Floats,
         prescribed: _Floats,
         gap: _Floats | None,
-        settings: _Settings,
+        settings: Settings,
     ) -> LoadStep:
         """One step to the total loads; the path moves on only where it converged.
 
@@ -535,7 +551,7 @@ class PrimalPath:
         load: _Floats,
         prescribed: _Floats,
         gap: _Floats | None,
-        settings: _Settings,
+        settings: Settings,
         again: bool = False,
         draft: bool = False,
     ) -> tuple[NewtonStep, _Floats]:
@@ -702,7 +718,7 @@ class ContactPath:
         force: _V,
         prescribed: _Floats,
         gap: _Floats | None,
-        settings: _Settings,
+        settings: Settings,
         near: bool = False,
         draft: bool = False,
     ) -> tuple[NewtonStep, _V]:
@@ -817,7 +833,7 @@ class Reduced:
         """Whether amounts of normal displacements prove that contacts contradict."""
     def solve(
         self,
-        settings: _Settings,
+        settings: Settings,
         reaction: _Floats | None,
         rigid: _Floats | None,
         num_threads: int | None,
@@ -932,7 +948,7 @@ def is_sparse(blocks: int, contacts: int) -> bool:
 def follow(
     paths: list[Path],
     cases: list[list[tuple[_Floats, _Floats, _Floats | None]]],
-    settings: _Settings,
+    settings: Settings,
 ) -> list[tuple[list[LoadStep], Exception | None]]:
     """Takes several paths through their steps, side by side.
 

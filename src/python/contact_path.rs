@@ -20,7 +20,7 @@ use crate::python::contact_variables::{
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::load_path::{ContactArrays, state_of_contacts};
 use crate::python::solution::PyNewtonStep;
-use crate::python::solver::{GivenSettings, read_settings};
+use crate::python::solver::PySettings;
 use crate::reduced::elliptic_scaling::times;
 use crate::solver::Settings;
 
@@ -244,11 +244,10 @@ impl PyContactPath {
         force: Bound<'py, PyAny>,
         prescribed: Vector<'py>,
         gap: Option<Matrix<'py>>,
-        settings: GivenSettings,
+        settings: &PySettings,
         near: bool,
         draft: bool,
     ) -> PyResult<Solved<'py>> {
-        let settings = read_settings(settings)?;
         let objects = Objects {
             engine: &engine,
             start,
@@ -257,6 +256,6 @@ impl PyContactPath {
             draft,
         };
         let asked = (prescribed.as_slice()?, gap.as_ref());
-        for_either!(&mut self.progress, path => path.step(objects, asked, &settings))
+        for_either!(&mut self.progress, path => path.step(objects, asked, &settings.checked))
     }
 }

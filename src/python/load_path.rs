@@ -16,7 +16,7 @@ use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
 use crate::python::problem::PyCondensed;
 use crate::python::solution::PyLoadStep;
-use crate::python::solver::{GivenSettings, read_settings};
+use crate::python::solver::PySettings;
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::solver::{Outcome, Settings};
 use crate::tasks;
@@ -185,17 +185,17 @@ impl PyPath {
         Ok(Self { progress })
     }
 
+    #[pyo3(signature = (load, prescribed, gap, settings))]
     fn step(
         &mut self,
         py: Python<'_>,
         load: Vector<'_>,
         prescribed: Vector<'_>,
         gap: Option<Matrix<'_>>,
-        settings: GivenSettings,
+        settings: &PySettings,
     ) -> PyResult<PyLoadStep> {
-        let settings = read_settings(settings)?;
         let loads = (load.as_slice()?, prescribed.as_slice()?);
-        for_either!(&mut self.progress, path => path.step(py, loads, gap.as_ref(), &settings))
+        for_either!(&mut self.progress, path => path.step(py, loads, gap.as_ref(), &settings.checked))
     }
 }
 
@@ -224,9 +224,8 @@ pub(super) fn follow<'py>(
     py: Python<'py>,
     mut paths: Vec<PyRefMut<'py, PyPath>>,
     cases: Vec<Vec<StepArrays<'py>>>,
-    settings: GivenSettings,
+    settings: &PySettings,
 ) -> PyResult<Vec<(Vec<PyLoadStep>, Option<Py<PyAny>>)>> {
-    let settings = read_settings(settings)?;
     let threads = paths
         .first()
         .and_then(|path| for_either!(&path.progress, path => path.problem.num_threads));
@@ -240,7 +239,7 @@ pub(super) fn follow<'py>(
         let results = tasks::map(all.into_iter().zip(&asked), |_, (path, steps)| {
             Ok(map_either!(&mut path.progress, path => {
                 let elliptic = path.problem.elliptic.clone();
-                (path.follow(steps, &settings, stop)?, elliptic)
+                (path.follow(steps, &settings.checked, stop)?, elliptic)
             }))
         });
         results.into_iter().collect::<Result<Vec<_>, Error>>()

@@ -81,7 +81,7 @@ mod _core {
     #[pymodule_export]
     use super::solution::{PyLoadStep, PyNewtonStep, PySequence, PySolution};
     #[pymodule_export]
-    use super::solver::{check_settings, is_sparse, isotropic, project, threads};
+    use super::solver::{PySettings, is_sparse, isotropic, project, threads};
     #[pymodule_export]
     use super::stats::{PyForecast, PyStats};
     #[pymodule_export]

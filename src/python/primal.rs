@@ -18,7 +18,7 @@ use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
 use crate::python::load_path::{ContactArrays, state_of_contacts};
 use crate::python::solution::PyNewtonStep;
-use crate::python::solver::{GivenSettings, read_settings};
+use crate::python::solver::PySettings;
 use crate::python::stiffness_rows::PyStiffnessRows;
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::memory::Budget;
@@ -323,18 +323,17 @@ impl PyPrimalPath {
         load: Vector<'py>,
         prescribed: Vector<'py>,
         gap: Option<Matrix<'py>>,
-        settings: GivenSettings,
+        settings: &PySettings,
         again: bool,
         draft: bool,
     ) -> PyResult<Solved<'py>> {
-        let settings = read_settings(settings)?;
         let loads = (load.as_slice()?, prescribed.as_slice()?);
         for_either!(&mut self.progress, path => {
             if again {
                 path.path.retract();
             }
             path.path.draft = draft;
-            path.step(py, loads, gap.as_ref(), &settings)
+            path.step(py, loads, gap.as_ref(), &settings.checked)
         })
     }
 }

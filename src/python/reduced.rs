@@ -10,7 +10,7 @@ use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::estimate::{self, Estimate};
 use crate::python::reduced_arrays::{Answers, IslandArrays, ReducedArrays};
 use crate::python::solution::PySolution;
-use crate::python::solver::{GivenSettings, read_settings};
+use crate::python::solver::PySettings;
 use crate::python::tangent::{self, PyTangentSystem};
 use crate::reduced::existence::is_contradiction;
 
@@ -74,18 +74,17 @@ impl PyReduced {
     fn solve(
         &self,
         py: Python<'_>,
-        settings: GivenSettings,
+        settings: &PySettings,
         reaction: Option<Matrix<'_>>,
         rigid: Option<Vector<'_>>,
         num_threads: Option<usize>,
         callback: Option<Py<PyAny>>,
     ) -> PyResult<PySolution> {
-        let settings = read_settings(settings)?;
         let rigid = rigid.map_or(Ok(Vec::new()), |a| a.as_slice().map(<[f64]>::to_vec))?;
         let start = (reaction.as_ref(), rigid);
         let callback = callback.as_ref();
         for_either!(&self.kind, problem => {
-            problem.solve(py, &settings, start, num_threads, callback)
+            problem.solve(py, &settings.checked, start, num_threads, callback)
         })
     }
 

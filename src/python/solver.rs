@@ -110,33 +110,59 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
     Ok((arrays::from_rows(py, &out), PyArray1::from_vec(py, status)))
 }
 
-#[pyfunction]
-pub(super) fn check_settings(settings: GivenSettings) -> PyResult<()> {
-    read_settings(settings).map(drop)
+/// The settings of a solve, checked once.
+#[pyclass(frozen, name = "Settings", module = "bipot_rs._core")]
+pub(super) struct PySettings {
+    pub(super) checked: Settings,
 }
 
-/// Method, tolerance, most iterations and most seconds: a `Settings` of Python.
-pub(super) type GivenSettings = (String, f64, Option<usize>, Option<f64>);
+#[pymethods]
+impl PySettings {
+    #[new]
+    fn new(
+        method: &str,
+        tol: f64,
+        max_iterations: Option<usize>,
+        max_seconds: Option<f64>,
+    ) -> PyResult<Self> {
+        let named = Method::NAMES.iter().find(|(name, _)| *name == method);
+        let Some(&(_, method)) = named else {
+            return Err(PyValueError::new_err(format!(
+                "method is '{method}', expected one of '{}'",
+                Method::NAMES.map(|(name, _)| name).join("', '")
+            )));
+        };
+        let default = Settings::default();
+        let checked = Settings {
+            method,
+            tol,
+            max_iterations: max_iterations.unwrap_or(default.max_iterations),
+            max_seconds: max_seconds.unwrap_or(default.max_seconds),
+        };
+        checked.validate()?;
+        Ok(Self { checked })
+    }
 
-/// Checks the settings that Python passes.
-pub(super) fn read_settings(given: GivenSettings) -> PyResult<Settings> {
-    let (method, tol, max_iterations, max_seconds) = given;
-    let named = Method::NAMES.iter().find(|(name, _)| *name == method);
-    let Some(&(_, method)) = named else {
-        return Err(PyValueError::new_err(format!(
-            "method is '{method}', expected one of '{}'",
-            Method::NAMES.map(|(name, _)| name).join("', '")
-        )));
-    };
-    let default = Settings::default();
-    let settings = Settings {
-        method,
-        tol,
-        max_iterations: max_iterations.unwrap_or(default.max_iterations),
-        max_seconds: max_seconds.unwrap_or(default.max_seconds),
-    };
-    settings.validate()?;
-    Ok(settings)
+    #[getter]
+    fn method(&self) -> &'static str {
+        self.checked.method.name()
+    }
+
+    #[getter]
+    fn tol(&self) -> f64 {
+        self.checked.tol
+    }
+
+    #[getter]
+    fn max_iterations(&self) -> usize {
+        self.checked.max_iterations
+    }
+
+    /// None without a limit.
+    #[getter]
+    fn max_seconds(&self) -> Option<f64> {
+        Some(self.checked.max_seconds).filter(|seconds| seconds.is_finite())
+    }
 }
 
 #[pyfunction]

@@ -544,18 +544,9 @@ def by_component(normal: Floats, d: int) -> Floats:
     return whole
 
 
-class Settings(NamedTuple):
-    """Settings of the solver, in the order in which the core takes them."""
-
-    method: str
-    tol: float
-    max_iterations: int | None
-    max_seconds: float | None
-
-
 def settings(
     method: str, tol: float, max_iterations: int | None, max_seconds: float | None
-) -> Settings:
+) -> _core.Settings:
     """Check the settings of a solve."""
     if not isinstance(method, str):
         raise TypeError(f"method is {show_value(method)}, expected a name")
@@ -568,10 +559,7 @@ def settings(
         None if max_iterations is None else positive("max_iterations", max_iterations)
     )
     seconds = None if max_seconds is None else number("max_seconds", max_seconds)
-    # As `Settings(...)`, whose own `__new__` takes twice as long.
-    checked = tuple.__new__(Settings, (method, number("tol", tol), limit, seconds))
-    _core.check_settings(checked)
-    return checked
+    return _core.Settings(method, number("tol", tol), limit, seconds)
 
 
 def logical(what: str, value: object) -> None:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Bools, Floats, Ints, MatrixLike, Record
 from bipot_rs._lib.validation import (
     Csr,
-    Settings,
     callback,
     csr,
     matrices,
@@ -885,7 +885,7 @@ class ContactProblem:
     def _begin_path(
         self,
         engine: Engine,
-        checked: Settings,
+        checked: _core.Settings,
         start: Start | None,
         gap: ArrayLike | MovingGaps | Callable[[float], object] | None = None,
         mu: ArrayLike | None = None,

@@ -301,7 +301,7 @@ class ReducedProblem:
         if num_threads is not None:
             num_threads = threads(num_threads)
         core = self._problem.solve(chosen, reaction, rigid, num_threads, callback)
-        return self._complete(core, method, chosen.max_seconds)
+        return self._complete(core, chosen)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
         """Find all solutions of a problem that may have several.
@@ -328,7 +328,8 @@ class ReducedProblem:
         exhausted = self._problem.answers()
         if exhausted is not None:
             cores, complete = exhausted
-            solutions = [self._complete(core, "auto") for core in cores]
+            chosen = settings("auto", 1e-10, None, None)
+            solutions = [self._complete(core, chosen) for core in cores]
             return Answers(solutions, complete=complete)
         contacts, d = self.q.shape
         whole = self.W if hasattr(self.W, "diagonal") else np.asarray(self.W)
@@ -621,10 +622,7 @@ class ReducedProblem:
         return near and self._problem.assess(solution.reaction) == "others exist"
 
     def _complete(
-        self,
-        core: _core.ReducedSolution,
-        method: str,
-        max_seconds: float | None = None,
+        self, core: _core.ReducedSolution, settings: _core.Settings
     ) -> Solution:
         """The solution with this problem, for what is computed on first use."""
         words = ""
@@ -635,16 +633,15 @@ class ReducedProblem:
             none = core.outcome == Outcome.NO_EQUILIBRIUM
             words += f", {self._name_friction() if none else name_friction(self.mu)}"
         # As `_ReducedInquiry(...)`, whose own `__new__` takes twice as long.
-        inquiry = tuple.__new__(_ReducedInquiry, (self, method, max_seconds))
-        return make_solution(core, free_motion_text=words, inquiry=inquiry)
+        inquiry = tuple.__new__(_ReducedInquiry, (self, settings))
+        return make_solution(core, inquiry, words)
 
 
 class _ReducedInquiry(NamedTuple):
     """A reduced problem and a solve, for what is computed of its solution on use."""
 
     problem: ReducedProblem
-    method: str
-    max_seconds: float | None
+    settings: _core.Settings
 
     @property
     def core(self) -> _core.Reduced:
@@ -671,8 +668,7 @@ class _ReducedInquiry(NamedTuple):
 
         problem = self.problem
         tried = FailedSolve(
-            method=self.method,
-            max_seconds=self.max_seconds,
+            settings=self.settings,
             law=problem.law,
             W=lambda: make_dense(problem.W),
             modes=lambda: make_dense(problem._R),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Ints, PetscMat, PetscVec
-from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.path.engine import StepData
@@ -260,7 +259,11 @@ class PetscPath:
         self._operations = VectorOperations(engine)
 
     def step(
-        self, load: Any, prescribed: Floats, gap: Floats | None, settings: Settings
+        self,
+        load: Any,
+        prescribed: Floats,
+        gap: Floats | None,
+        settings: _core.Settings,
     ) -> Step:
         """Make a step to the total loads; the path moves on only if it converges."""
         u: Any = None if self._last is None else self._last.computed.displacement
@@ -280,7 +283,7 @@ class PetscPath:
         u: Any,
         prescribed: Floats,
         gap: Floats | None,
-        settings: Settings,
+        settings: _core.Settings,
         near: bool = False,
         draft: bool = False,
     ) -> Step:
@@ -305,7 +308,7 @@ class PetscPath:
         u: Any,
         prescribed: Floats,
         gap: Floats | None,
-        settings: Settings,
+        settings: _core.Settings,
     ) -> Step:
         """A step with copies on springs, from the last state each time."""
         operator, record = self.engine.operator, self.engine.record

@@ -11,6 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import (
     Bools,
@@ -24,7 +25,6 @@ from bipot_rs._lib.types import (
     Vectors,
 )
 from bipot_rs._lib.validation import (
-    Settings,
     callback,
     csr,
     floats,
@@ -280,7 +280,7 @@ class ContactProblem:
             A step did not converge; ``.result`` holds the steps before.
         """
 
-        def check() -> tuple[Settings, list[Totals]]:
+        def check() -> tuple[_core.Settings, list[Totals]]:
             checked = self._check_settings(tol, max_iterations, max_seconds, start)
             callback("on_step", on_step)
             if isinstance(gap, MovingGaps):
@@ -331,7 +331,7 @@ class ContactProblem:
             As in `solve`.
         """
 
-        def check() -> tuple[Settings, Increments, Callable[[float], Totals]]:
+        def check() -> tuple[_core.Settings, Increments, Callable[[float], Totals]]:
             checked = self._check_settings(tol, max_iterations, max_seconds, start)
             callback("on_step", on_step)
             callback("gap", gap)
@@ -353,7 +353,7 @@ class ContactProblem:
         max_iterations: int | None,
         max_seconds: float | None,
         start: Start | None,
-    ) -> Settings:
+    ) -> _core.Settings:
         """Settings of the solver, after a start with other frames is refused."""
         checked = settings("newton", tol, max_iterations, max_seconds)
         before = find_start(start, self._loading.contacts.shape)
@@ -363,7 +363,7 @@ class ContactProblem:
 
     def _begin_path(
         self,
-        checked: Settings,
+        checked: _core.Settings,
         start: Start | None,
         gap: ArrayLike | MovingGaps | Callable[[float], object] | None,
     ) -> PathSolver:

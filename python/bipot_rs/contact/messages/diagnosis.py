@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.contact_law import (
@@ -47,8 +48,7 @@ class FailedSolve:
     whether there are several solutions near a point.
     """
 
-    method: str
-    max_seconds: float | None
+    settings: _core.Settings
     law: ContactLaw
     W: Callable[[], Floats | None]
     modes: Callable[[], Floats]
@@ -142,10 +142,10 @@ def _describe_end(tried: FailedSolve, solution: Solution) -> str:
     trend = "" if stalled else _describe_trend(solution)
     judged = f"residual {solution.residual:.1e}{trend}, limit {solution.tolerance:.1e}"
     count = solution.iterations
-    spent = f"{count} iteration{'' if count == 1 else 's'} of {tried.method!r}"
+    spent = f"{count} iteration{'' if count == 1 else 's'} of {tried.settings.method!r}"
     ends = {
         Outcome.ITERATION_LIMIT: "reached max_iterations",
-        Outcome.TIME_LIMIT: f"reached max_seconds = {tried.max_seconds or 0.0:.3g}",
+        Outcome.TIME_LIMIT: f"reached max_seconds = {tried.settings.max_seconds or 0.0:.3g}",
     }
     end = ends.get(solution.outcome)
     if solution.residual <= solution.tolerance:
@@ -157,12 +157,12 @@ def _describe_end(tried: FailedSolve, solution: Solution) -> str:
     if end is not None:
         return f"{spent} {end} ({judged})"
     if count == 0:
-        if tried.method == "newton":
+        if tried.settings.method == "newton":
             return (
                 "'newton' found no step from its start: its matrix is singular there, "
                 f"or no part of the step reduces the residual ({judged})"
             )
-        return f"{tried.method!r} made no iteration ({judged})"
+        return f"{tried.settings.method!r} made no iteration ({judged})"
     if solution.history[:, 1].min(initial=np.inf) <= solution.tolerance:
         return (
             f"{spent} met the residual at a point that a fresh evaluation did not "
@@ -501,7 +501,7 @@ def _check_compliance(
             else "in one way only"
         )
         # "auto" can solve such problems; only if it stalls are fewer contacts needed.
-        stood = tried.method == "auto" and solution.outcome is Outcome.STALLED
+        stood = tried.settings.method == "auto" and solution.outcome is Outcome.STALLED
         yield Finding(
             f"redundant contacts, their {len(values)} reaction components act {ways}",
             "fewer contacts" if stood else "",
@@ -564,9 +564,11 @@ def _list_cures(
         }.get(solution.outcome)
         gain = _measure_last_gain(solution)
         # More iterations do not help a method that has stalled. "auto" tries others.
-        if limit is not None and (tried.method == "auto" or gain is None or gain < 1):
+        if limit is not None and (
+            tried.settings.method == "auto" or gain is None or gain < 1
+        ):
             yield limit
-        if tried.method != "auto":
+        if tried.settings.method != "auto":
             yield "method='auto'"
         elif limit is None and not causes:
             yield "smaller load steps, or another start"

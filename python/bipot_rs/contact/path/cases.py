@@ -8,7 +8,6 @@ from typing import TypeVar
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Record
-from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.errors import with_message
 from bipot_rs.contact.path.direct import DirectPath
 from bipot_rs.contact.path.load_path import PathSolver, has_frames
@@ -25,7 +24,7 @@ def solve_cases(
     cases: Iterable[Case],
     loading: Loading,
     begin_paths: Callable[[int], Callable[[Case], PathSolver]],
-    settings: Settings,
+    settings: _core.Settings,
 ) -> list[Result]:
     """Solve the load path of each case; see `ContactProblem.solve_many`.
 

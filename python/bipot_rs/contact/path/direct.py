@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints, Record
-from bipot_rs._lib.validation import Settings
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.frames import find_rotation
@@ -100,7 +99,7 @@ class DirectPath:
         load: Floats,
         prescribed: Floats,
         gap: Floats | None,
-        settings: Settings,
+        settings: _core.Settings,
     ) -> Step:
         """Make a step to the total loads."""
         return make_step(self.core.step(load, prescribed, gap, settings))
@@ -183,8 +182,7 @@ class CondensedStep:
             )
 
         return FailedSolve(
-            method=self.data.settings.method,
-            max_seconds=self.data.settings.max_seconds,
+            settings=self.data.settings,
             law=self.data.contacts.law,
             W=lambda: _find_compliance(core),
             modes=lambda: core.modes().T,

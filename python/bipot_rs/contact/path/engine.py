@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Record
-from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.path.contacts import ContactSet
 from bipot_rs.contact.results.solution import Inquiry, Recovery, Step
@@ -45,7 +45,7 @@ class StepData:
     prescribed: Floats
     # Relative displacement after the step before; None for the unloaded bodies.
     before: Floats | None
-    settings: Settings
+    settings: _core.Settings
     contacts: ContactSet  # the contacts, with the friction of the path
     restored: RestoredDigits | None = None  # relative error of K, if it is not rounding
     # Frames and gaps of the step, if these are not those of the engine.
@@ -64,7 +64,7 @@ class EnginePath(Protocol):
         load: Floats,
         prescribed: Floats,
         gap: Floats | None,
-        settings: Settings,
+        settings: _core.Settings,
         /,
     ) -> Step:
         """Make a step to the total loads; the path moves on only if it converges.

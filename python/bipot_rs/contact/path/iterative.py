@@ -13,7 +13,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Ints, Record
-from bipot_rs._lib.validation import Parts, Settings, csr
+from bipot_rs._lib.validation import Parts, csr
 from bipot_rs.contact.errors import NotIterativeError
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
@@ -220,7 +220,7 @@ class IterativePath:
         load: Floats,
         prescribed: Floats,
         gap: Floats | None,
-        settings: Settings,
+        settings: _core.Settings,
     ) -> Step:
         """Make a step to the total loads."""
         if self._other is not None:
@@ -259,7 +259,7 @@ class IterativePath:
         load: Floats,
         prescribed: Floats,
         gap: Floats | None,
-        settings: Settings,
+        settings: _core.Settings,
         again: bool = False,
         draft: bool = False,
     ) -> tuple[Step, str]:
@@ -279,7 +279,7 @@ class IterativePath:
         load: Floats,
         prescribed: Floats,
         gap: Floats | None,
-        settings: Settings,
+        settings: _core.Settings,
     ) -> tuple[Step, str]:
         """A step with springs, from the last state each time."""
         engine, last = self._iterative, self._last
@@ -346,8 +346,7 @@ class UncondensedStep:
         v = np.column_stack([step.relative_displacement[:, 0], step.slip])
         d = v.shape[1]
         tried = FailedSolve(
-            method=self.data.settings.method,
-            max_seconds=self.data.settings.max_seconds,
+            settings=self.data.settings,
             law=self.data.contacts.law,
             W=lambda: None,
             modes=lambda: np.empty((d * len(v), 0)),

@@ -17,7 +17,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, count_noun
 from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats
-from bipot_rs._lib.validation import Settings, logical
+from bipot_rs._lib.validation import logical
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.frames import find_rotation
@@ -145,7 +145,7 @@ class PathSolver:
         self,
         engine: Engine,
         problem: PathProblem,
-        settings: Settings,
+        settings: _core.Settings,
         start: Start | None,
         derivatives: PathDerivatives[Any] | None = None,
     ) -> None:
@@ -495,17 +495,13 @@ class PathSolver:
         )
 
 
-def _subtract_spent(settings: Settings, spent: Step) -> Settings:
+def _subtract_spent(settings: _core.Settings, spent: Step) -> _core.Settings:
     """What the limits of a step leave for the rest of it: at least one iteration."""
-    iterations, seconds = settings.max_iterations, settings.max_seconds
-    return settings._replace(
-        max_iterations=None
-        if iterations is None
-        else max(iterations - spent.iterations, 1),
-        max_seconds=None
-        if seconds is None
-        else max(seconds - spent.seconds, sys.float_info.min),
-    )
+    seconds = settings.max_seconds
+    if seconds is not None:
+        seconds = max(seconds - spent.seconds, sys.float_info.min)
+    iterations = max(settings.max_iterations - spent.iterations, 1)
+    return _core.Settings(settings.method, settings.tol, iterations, seconds)
 
 
 def _list_remarks(steps: Sequence[Step], first: int) -> list[str]:

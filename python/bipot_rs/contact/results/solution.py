@@ -616,22 +616,27 @@ def recover_displacements(steps: Sequence[Step]) -> None:
                 step.computed.displacement = u.copy() if len(block) > 1 else u
 
 
-def make_solution(core: _core.ReducedSolution, **about: object) -> Solution:
-    """A `Solution`; ``about`` are its other fields."""
+def make_solution(
+    core: _core.ReducedSolution, inquiry: Inquiry[Solution], free_motion_text: str
+) -> Solution:
+    """A `Solution` of a reduced problem."""
     # Without `__init__`: its defaults are those of the class.
-    return make(Solution, _fields(core, computed=object.__new__(Computed), **about))
+    fields = _fields(core)
+    fields["computed"] = object.__new__(Computed)
+    fields["inquiry"] = inquiry
+    fields["free_motion_text"] = free_motion_text
+    return make(Solution, fields)
 
 
 def make_step(core: _core.LoadStep) -> Step:
     """A step of a condensed problem, without its loads and its problem."""
-    fields = {
-        "computed": Computed(),
-        "slip": core.slip,
-        "opened": core.solution.opened,
-        "working_set": core.working_set,
-        "working_motion": core.working_motion,
-    }
-    return make(Step, _fields(core.solution, **fields))
+    fields = _fields(core.solution)
+    fields["computed"] = Computed()
+    fields["slip"] = core.slip
+    fields["opened"] = core.solution.opened
+    fields["working_set"] = core.working_set
+    fields["working_motion"] = core.working_motion
+    return make(Step, fields)
 
 
 def make_newton_step(core: _core.NewtonStep, displacement: Floats, kind: type[K]) -> K:
@@ -657,13 +662,13 @@ def find_opening(outcome: str, mu: Floats) -> Floats:
     return mu if outcome == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
 
 
-def _fields(core: _core.ReducedSolution, **about: object) -> OpenRecord:
-    """Fields of a `Solution`; ``about`` are others."""
-    sequence = None
-    if core.minimising_sequence is not None:
+def _fields(core: _core.ReducedSolution) -> OpenRecord:
+    """Fields of a `Solution` that the core knows."""
+    fields, sequence = core.minimising_sequence, None
+    if fields is not None:
         from bipot_rs.contact.results.error_bound import read_sequence
 
-        sequence = read_sequence(core.minimising_sequence, core.reaction.shape)
+        sequence = read_sequence(fields, core.reaction.shape)
     return {
         "reaction": core.reaction,
         "relative_displacement": core.relative_displacement,
@@ -681,5 +686,4 @@ def _fields(core: _core.ReducedSolution, **about: object) -> OpenRecord:
         "seconds": core.seconds,
         "stats": {"bytes_beside_W": core.bytes_beside},
         "statuses_tried": core.statuses_tried,
-        **about,
     }

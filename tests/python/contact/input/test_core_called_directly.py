@@ -141,7 +141,7 @@ def seen_tangent(variables: Any) -> Any:
     """A tangent, which only a step makes."""
     engine = Engine(np.eye(4), variables, [])
     start = np.zeros(4)
-    limits: Any = ("newton", 1e-10, 50, 1.0)
+    limits = _core.Settings("newton", 1e-10, 50, 1.0)
     _core.ContactPath(variables).step(engine, start, LOAD, NONE, None, limits)
     return engine.tangent
 
@@ -162,7 +162,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     tangents = _core.TangentView(condensed, CLOSED)
     linear = held.tangent(CLOSED, STICKS, ROWS)
     assert linear is not None
-    limits = ("auto", 1e-10, 50, 1.0)
+    limits = _core.Settings("auto", 1e-10, 50, 1.0)
     none, places = np.zeros(0, np.int64), np.repeat(np.eye(3)[:2], 2, axis=0)
     primal = _core.Primal(EYE, EYE, GAP, LAW, none, 2, places)
     space = np.repeat(np.eye(3)[:2], 3, axis=0)
@@ -187,6 +187,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     cell = np.arange(4).reshape(4, 1)
     part = np.array([1, 3]), np.arange(4)
     slopes = np.array([[[-0.5, 0.5, 0.5, -0.5], [-0.5, -0.5, 0.5, 0.5]]])
+    settings = [limits, None, None, 1]
     plain: list[tuple[Any, ...]] = [
         (_core.respond_points, GAP, np.ones((2, 7))),
         (condensed.free_part, LOAD, NONE),
@@ -236,13 +237,13 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         (_core.resisting_rows, EYE, np.eye(4), np.arange(4)),
         (_core.combine_motions, np.eye(4)[:2].copy()),
         (_core.free_motions, np.eye(4)[:2].copy(), 1e-12),
+        (_core.Settings, "auto", 1e-10, 10, 1.0),
     ]
     direct = {
         f"{call.__qualname__} {k}": (call, list(args))
         for k, (call, *args) in enumerate(plain)
     }
     return direct | {
-        "check_settings": (lambda *a: _core.check_settings(a), [*limits]),
         "project": (within_law(_core.project, 1), [GAP, MU, None]),
         "Condensed": (
             within_law(lambda *a: _core.Condensed(*a, 1).compliance(), 3),
@@ -282,8 +283,8 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             [None, None],
         ),
         "PrimalPath, step": (
-            lambda *a: _core.PrimalPath(primal).step(*a[:3], a[3:]),
-            [LOAD, NONE, GAP, *limits],
+            lambda *a: _core.PrimalPath(primal).step(*a),
+            [LOAD, NONE, GAP, limits],
         ),
         "ContactVariables": (
             lambda *a: within_law(_core.ContactVariables, 2)(*a).transformation(),
@@ -334,8 +335,8 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "ContactPath": (lambda start: _core.ContactPath(variables, start), [None]),
         "ContactPath, step": (
-            lambda *a: _core.ContactPath(variables).step(*a[:5], a[5:]),
-            [Engine(np.eye(4), variables, none), LOAD, LOAD, NONE, GAP, *limits],
+            lambda *a: _core.ContactPath(variables).step(*a),
+            [Engine(np.eye(4), variables, none), LOAD, LOAD, NONE, GAP, limits],
         ),
         "stiffness": (
             lambda *a: _core.stiffness(*a, num_threads=1),
@@ -350,19 +351,13 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             lambda start: _core.Path(condensed, start).step(LOAD, NONE, None, limits),
             [None],
         ),
-        "step": (
-            lambda *a: _core.Path(condensed).step(*a[:3], a[3:]),
-            [LOAD, NONE, GAP, *limits],
-        ),
+        "step": (lambda *a: _core.Path(condensed).step(*a), [LOAD, NONE, GAP, limits]),
         "Reduced": (
-            lambda *a: within_law(_core.Reduced, 2)(*a).solve(limits, None, None, 1),
+            lambda *a: within_law(_core.Reduced, 2)(*a).solve(*settings),
             [ISLAND, GAP, MU, EYE_ROWS, np.array([-1.0, 0.1])],
         ),
-        "solve": (lambda *a: held.solve(a[:4], *a[4:], 1), [*limits, None, None]),
-        "solve, floating": (
-            lambda *a: floating.solve(a[:4], *a[4:], 1),
-            [*limits, GAP, NONE],
-        ),
+        "solve": (lambda *a: held.solve(*a, 1), [limits, None, None]),
+        "solve, floating": (lambda *a: floating.solve(*a, 1), [limits, GAP, NONE]),
         "TangentView, displacements": (
             lambda *a: tangents.displacements([a]),
             [LOAD, NONE, GAP, NONE],

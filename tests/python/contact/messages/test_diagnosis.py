@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+import bipot_rs._core as _core
 from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.messages.diagnosis import (
     FailedSolve,
@@ -19,6 +20,7 @@ from bipot_rs.contact.messages.diagnosis import (
 from support.methods import METHODS
 
 Array = NDArray[np.float64]
+AUTO = _core.Settings("auto", 1e-10, None, None)
 
 CAUSES = {
     "redundant": r"redundant contacts, their \d+ reaction components act in",
@@ -352,7 +354,7 @@ def test_many_rigid_motions_are_not_made_dense() -> None:
     stopped = replace(
         solution, reaction=0 * apart, outcome=bp.Outcome.STALLED, residual=1.0
     )
-    tried = FailedSolve("auto", None, ContactLaw(np.full(n, 0.3)), lambda: None, modes=refuse,
+    tried = FailedSolve(AUTO, ContactLaw(np.full(n, 0.3)), lambda: None, modes=refuse,
         loads=lambda: np.ones(6), several=lambda _: False)  # fmt: skip
     assert "forces are not in balance" in diagnose(tried, stopped, apart)
 
@@ -367,8 +369,7 @@ def test_a_body_slides_to_a_stop_or_away_from_it(pull: float, named: bool) -> No
     )
     stalled = replace(solution, reaction=r, outcome=bp.Outcome.STALLED, residual=1.0)
     tried = FailedSolve(
-        "auto",
-        None,
+        AUTO,
         ContactLaw(np.full(2, 0.3)),
         lambda: None,
         modes=lambda: np.array([[0.0], [1.0], [-1.0], [0.0]]),

@@ -38,7 +38,7 @@ class Case:
         fixed, moved = self.model.fixed, self.prescribed[k]
         zero = np.zeros(len(self.K))
         force = force_of(self.K, self.variables, zero, fixed, moved)
-        return path.step(engine, y, force, moved, None, SETTINGS)
+        return path.step(engine, y, force, moved, None, *SETTINGS)
 
     def direct(self) -> bp.Result:
         m = self.model
