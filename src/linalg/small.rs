@@ -91,6 +91,15 @@ pub fn norm(a: &[f64]) -> f64 {
     largest * a.iter().map(|x| (x / largest).powi(2)).sum::<f64>().sqrt()
 }
 
+/// [`norm`] of numbers that need no vector.
+pub fn norm_of(numbers: impl Iterator<Item = f64> + Clone) -> f64 {
+    let squares = numbers.clone().map(|x| x * x).sum::<f64>();
+    if squares > LEAST && squares < MOST {
+        return squares.sqrt();
+    }
+    norm(&numbers.collect::<Vec<_>>())
+}
+
 /// Largest magnitude.
 pub fn amax(a: &[f64]) -> f64 {
     a.iter().fold(0.0, |m: f64, x| m.max(x.abs()))

@@ -42,6 +42,9 @@ const LONG: RangeInclusive<usize> = 9..=enumerate::MOST_CONTACTS;
 enum Stored<const D: usize> {
     /// The array of the caller.
     Dense(Py<PyArray1<f64>>),
+    /// An island of a sparse `W`, which nobody else has: to borrow an array takes as long as to
+    /// solve three contacts.
+    Island(Vec<f64>),
     Sparse(Blocks<D>),
 }
 
@@ -83,14 +86,15 @@ impl<const D: usize> ReducedArrays<D> {
             modes: motions,
             load,
         };
+        let alone = given.len() == 1;
         let mut parts = Vec::with_capacity(given.len());
         for (nodes, values, pattern) in given {
+            let view = values.bind(py).try_readonly()?;
             let stored = match pattern {
-                None => Stored::Dense(values),
+                None if alone => Stored::Dense(values),
+                None => Stored::Island(view.as_slice()?.to_vec()),
                 Some((start, column)) => {
-                    let values = values.bind(py).try_readonly()?;
-                    let made = Blocks::new(&start, &column, values.as_slice()?);
-                    Stored::Sparse(made?)
+                    Stored::Sparse(Blocks::new(&start, &column, view.as_slice()?)?)
                 }
             };
             parts.push((nodes, stored));
@@ -145,7 +149,7 @@ impl<const D: usize> ReducedArrays<D> {
         let view = |stored: &Stored<D>| -> PyResult<Option<PyReadonlyArray1<f64>>> {
             match stored {
                 Stored::Dense(array) => Ok(Some(array.bind(py).try_readonly()?)),
-                Stored::Sparse(_) => Ok(None),
+                Stored::Island(_) | Stored::Sparse(_) => Ok(None),
             }
         };
         let views = self.parts.iter().map(|(_, stored)| view(stored));
@@ -154,13 +158,15 @@ impl<const D: usize> ReducedArrays<D> {
         for ((nodes, stored), view) in self.parts.iter().zip(&views) {
             let part = match (stored, view) {
                 (Stored::Sparse(blocks), _) => Part::Sparse(Cow::Borrowed(blocks)),
+                (Stored::Island(values), _) => Part::Dense(Cow::Borrowed(values)),
                 (_, Some(view)) => Part::Dense(Cow::Borrowed(view.as_slice()?)),
                 (_, None) => continue,
             };
             parts.push((nodes.clone(), part));
         }
         // Rayon has other ways to its global pool in sparse factorisations.
-        let dense = views.iter().all(Option::is_some) && self.rigid.modes.is_empty();
+        let is_sparse = |(_, stored): &(_, Stored<D>)| matches!(stored, Stored::Sparse(_));
+        let dense = !self.parts.iter().any(is_sparse) && self.rigid.modes.is_empty();
         let short = D == 3 || !LONG.contains(&self.contacts());
         if self.contacts() <= FEW && short && dense && callback.is_none() {
             let _ = crate::threads::count(num_threads)?;

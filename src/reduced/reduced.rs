@@ -7,7 +7,7 @@ use crate::error::{Error, check_finite, check_length};
 use crate::law::bipotential::law_step;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::small::{add_scaled, amax, length, norm, scale_rows};
+use crate::linalg::small::{add_scaled, amax, length, norm, norm_of, scale_rows};
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::sparse_lu::Analysis;
@@ -434,7 +434,8 @@ impl<const D: usize> Scaling<D> {
 
     /// `‖v̂‖` of a displacement.
     pub fn displacement_norm(&self, v: &[[f64; D]]) -> f64 {
-        norm(scale_rows(v, &self.to_v).as_flattened())
+        let scaled = v.iter().zip(&self.to_v);
+        norm_of(scaled.flat_map(|(v, s)| v.map(|c| c * s)))
     }
 
     /// `‖r̂‖` of a reaction.

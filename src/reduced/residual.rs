@@ -22,7 +22,7 @@ use std::borrow::Cow;
 
 use crate::law::bipotential;
 use crate::law::cone::Status;
-use crate::linalg::small::{length, norm, plus_scaled};
+use crate::linalg::small::{length, norm, norm_of, plus_scaled};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::rounding::Rounding;
 use crate::reduced::tuning;
@@ -104,17 +104,16 @@ impl<const D: usize> Certificate<D> {
             rounding.felt,
         );
         let openings = v.iter().zip(&problem.law).map(|(v, law)| law.opening(v));
-        let openings = normals.scale_displacements(openings);
+        let openings: Vec<f64> = normals.scale_displacements(openings).collect();
         let pressures = normals.pressures(r);
-        let norm_of = |of: &dyn Fn(f64, f64) -> f64| {
-            let pairs = openings.iter().zip(&pressures);
-            norm(&pairs.map(|(o, p)| of(*o, *p)).collect::<Vec<_>>())
+        let norm_of_pairs = |of: &dyn Fn(f64, f64) -> f64| {
+            norm_of(openings.iter().zip(&pressures).map(|(o, p)| of(*o, *p)))
         };
         let of_normals = |displacement: f64| {
-            let left = |most: f64| norm_of(&|o, p| o.min(p.min(most)));
+            let left = |most: f64| norm_of_pairs(&|o, p| o.min(p.min(most)));
             Left::of(displacement, left, rounding.pressed)
         };
-        let normal_size = undone.size(|v| norm(&normals.displacements(v)));
+        let normal_size = undone.size(|v| norm_of(normals.displacements(v)));
         let mut left_of_normals = of_normals(normal_size);
         if left_of_normals.share.max(left_of_normals.rounding) > WORST_LEFT {
             // Reactions along the surface move the normals too.
@@ -123,8 +122,7 @@ impl<const D: usize> Certificate<D> {
         let mut free = vec![[0.0; D]; r.len()];
         problem.add_rest(a, &mut free);
         let free = normals.displacements(&free);
-        let free: Vec<f64> = free.iter().map(|v| (-v).max(0.0)).collect();
-        let forces = norm(&pressures).max(norm(&free));
+        let forces = norm(&pressures).max(norm_of(free.map(|v| (-v).max(0.0))));
         let over_forces = |size: f64, rounding: f64| ratio((size - rounding).max(0.0), forces);
         Self {
             status,
@@ -135,8 +133,8 @@ impl<const D: usize> Certificate<D> {
                 && left_of_normals.rounding <= WORST_LEFT,
             left: left.share,
             left_of_normals: left_of_normals.share,
-            penetration: over_forces(norm_of(&|o, _| (-o).max(0.0)), rounding.normal),
-            apart: over_forces(norm_of(&|o, p| o.min(p).max(0.0)), rounding.plain),
+            penetration: over_forces(norm_of_pairs(&|o, _| (-o).max(0.0)), rounding.normal),
+            apart: over_forces(norm_of_pairs(&|o, p| o.min(p).max(0.0)), rounding.plain),
             whole,
             v,
         }
@@ -351,12 +349,15 @@ impl<'p, const D: usize> Normals<'p, D> {
         r.iter().zip(&self.to_r).map(|(r, s)| r[0] * s).collect()
     }
 
-    fn displacements(&self, v: &[[f64; D]]) -> Vec<f64> {
+    fn displacements(&self, v: &[[f64; D]]) -> impl Iterator<Item = f64> + Clone {
         self.scale_displacements(v.iter().map(|v| v[0]))
     }
 
-    fn scale_displacements(&self, normal: impl Iterator<Item = f64>) -> Vec<f64> {
-        normal.zip(&self.to_v).map(|(v, s)| v * s).collect()
+    fn scale_displacements(
+        &self,
+        normal: impl Iterator<Item = f64> + Clone,
+    ) -> impl Iterator<Item = f64> + Clone {
+        normal.zip(&self.to_v).map(|(v, s)| v * s)
     }
 
     /// By how much tangential reactions displace pressed contacts.
@@ -369,7 +370,7 @@ impl<'p, const D: usize> Normals<'p, D> {
         self.problem.compliance.product(&along, &mut moved);
         let pressed = moved.iter().zip(r);
         let pressed = pressed.map(|(v, r)| if r[0] == 0.0 { 0.0 } else { v[0] });
-        norm(&self.scale_displacements(pressed))
+        norm_of(self.scale_displacements(pressed))
     }
 }
 

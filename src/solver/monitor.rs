@@ -302,7 +302,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         Err(Ended::Stopped(
             if self.log.result.iterations >= self.settings.max_iterations {
                 Outcome::IterationLimit
-            } else if self.started.elapsed().as_secs_f64() > self.settings.max_seconds {
+            } else if self.settings.max_seconds.is_finite() && self.seconds_left() < 0.0 {
                 Outcome::TimeLimit
             } else if self.log.result.iterations > self.last_better + tuning::monitor_patience() {
                 Outcome::Stalled
