@@ -183,9 +183,6 @@ class ReducedSolution:
     @property
     def status(self) -> NDArray[np.int8]: ...
     @property
-    def opened(self) -> NDArray[np.bool_]:
-        """Contacts that are open by more than the tolerance."""
-    @property
     def bipotential_gap(self) -> _Floats: ...
     @property
     def rigid_motion(self) -> _Floats | None: ...
@@ -238,6 +235,9 @@ class LoadStep:
     def slip(self) -> _Floats:
         """Increment of the tangential relative displacement, `(n_c, d - 1)`."""
     @property
+    def opened(self) -> NDArray[np.bool_]:
+        """Contacts that are open by more than the tolerance."""
+    @property
     def working_set(self) -> NDArray[np.int64] | None:
         """Numbers of the contacts that `W` was formed for; None if for all."""
     @property
@@ -254,6 +254,9 @@ class NewtonStep:
     @property
     def slip(self) -> _Floats:
         """Increment of the tangential relative displacement, `(n_c, d - 1)`."""
+    @property
+    def opened(self) -> NDArray[np.bool_]:
+        """Contacts that are open by more than the tolerance."""
     @property
     def newton(self) -> int:
         """Number of Newton steps."""

@@ -22,7 +22,6 @@ pub(super) struct PySolution {
     reaction: Py<PyArray2<f64>>,
     relative_displacement: Py<PyArray2<f64>>,
     status: Py<PyArray1<i8>>,
-    opened: Py<PyArray1<bool>>,
     bipotential_gap: Py<PyArray1<f64>>,
     rigid_motion: Option<Py<PyArray1<f64>>>,
     free_motion: Option<Py<PyArray1<f64>>>,
@@ -64,7 +63,6 @@ impl PySolution {
             reaction: arrays::from_rows(py, &reaction).unbind(),
             relative_displacement: arrays::from_rows(py, &relative_displacement).unbind(),
             status: arrays::from_status(py, &solution.status).unbind(),
-            opened: PyArray1::from_slice(py, &solution.opened).unbind(),
             bipotential_gap: PyArray1::from_slice(py, &solution.bipotential_gap).unbind(),
             rigid_motion: amounts(&solution.rigid_motion),
             free_motion: amounts(&solution.free_motion),
@@ -123,6 +121,7 @@ impl PySequence {
 pub(super) struct PyLoadStep {
     solution: Py<PySolution>,
     slip: Py<PyArray2<f64>>,
+    opened: Py<PyArray1<bool>>,
     working_set: Option<Py<PyArray1<i64>>>,
     working_motion: Option<Py<PyArray1<f64>>>,
 }
@@ -139,6 +138,7 @@ impl PyLoadStep {
         Ok(Self {
             solution: Py::new(py, PySolution::new(py, &step.solution, elliptic)?)?,
             slip: slip(py, step, elliptic),
+            opened: PyArray1::from_slice(py, &step.solution.opened).unbind(),
             working_set: members.map(|members| arrays::from_indices(py, members).unbind()),
             working_motion: motion.map(|motion| arrays::from_vec(py, motion).unbind()),
         })
@@ -150,6 +150,7 @@ impl PyLoadStep {
 pub(super) struct PyNewtonStep {
     solution: Py<PySolution>,
     slip: Py<PyArray2<f64>>,
+    opened: Py<PyArray1<bool>>,
     newton: usize,
     krylov: usize,
     reason: Option<&'static str>,
@@ -168,6 +169,7 @@ impl PyNewtonStep {
         Ok(Self {
             solution: Py::new(py, PySolution::new(py, &made.step.solution, elliptic)?)?,
             slip: slip(py, &made.step, elliptic),
+            opened: PyArray1::from_slice(py, &made.step.solution.opened).unbind(),
             newton: made.newton,
             krylov: made.krylov,
             reason: made.reason.map(Reason::text),

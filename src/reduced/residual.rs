@@ -182,7 +182,11 @@ pub fn residual<const D: usize>(
 /// `‖(F, R̂ᵀ r̂ + ê)‖`, which a line search reduces. The ratio η would favour a rigid motion
 /// that grows without bound, because `‖F(0)‖` grows with it.
 pub fn merit<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
-    law_norm(problem, r, v).hypot(imbalance_norm(problem, r))
+    let law = law_norm(problem, r, v);
+    if problem.rigid.modes.is_empty() {
+        return law;
+    }
+    law.hypot(imbalance_norm(problem, r))
 }
 
 /// η from `‖F(r)‖` and its reference size.

@@ -100,6 +100,7 @@ impl<const D: usize> RigidMotions<D> {
     }
 
     /// The motions that move a contact, and how.
+    #[inline]
     pub fn at(&self, contact: usize) -> impl Iterator<Item = (usize, &[f64; D])> {
         let range = if self.count == 0 {
             0..0

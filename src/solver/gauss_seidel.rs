@@ -13,9 +13,7 @@ use std::borrow::Cow;
 use crate::law::bipotential::law_step;
 use crate::law::cone::Status;
 use crate::law::one_node::{self, Habit};
-use crate::linalg::small::{
-    Block, Vector, minus_scaled, plus_scaled, rows_plus_scaled, scale_rows,
-};
+use crate::linalg::small::{Block, Vector, minus_scaled, plus_scaled};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
@@ -207,8 +205,11 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 self.refresh(point);
             }
             shift(&mut point.a, &point.s, 1.0);
-            let change = rows_plus_scaled(&point.r, -1.0, &before.0);
-            let mut f = scale_rows(&change, &self.problem.scaling.to_r).into_flattened();
+            let mut f = Vec::with_capacity(D * point.r.len() + point.a.len());
+            let moved = point.r.iter().zip(&before.0);
+            for ((r, old), s) in moved.zip(&self.problem.scaling.to_r) {
+                f.extend(minus_scaled(r, 1.0, old).map(|c| c * s));
+            }
             f.extend(plus_scaled(&point.a, -1.0, &before.1));
             if let Some(next) = anderson.extrapolate(f, point.pack()) {
                 let next = point.unpack(&next);

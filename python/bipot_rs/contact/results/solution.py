@@ -633,7 +633,7 @@ def make_step(core: _core.LoadStep) -> Step:
     fields = _fields(core.solution)
     fields["computed"] = Computed()
     fields["slip"] = core.slip
-    fields["opened"] = core.solution.opened
+    fields["opened"] = core.opened
     fields["working_set"] = core.working_set
     fields["working_motion"] = core.working_motion
     return make(Step, fields)
@@ -649,7 +649,7 @@ def make_newton_step(core: _core.NewtonStep, displacement: Floats, kind: type[K]
     return kind(
         **fields,
         slip=core.slip,
-        opened=core.solution.opened,
+        opened=core.opened,
         computed=Computed(displacement, error_estimate=core.error_estimate),
     )
 
