@@ -15,6 +15,9 @@ export PYO3_PYTHON := $(CURDIR)/$(PY)
 # A virtual environment holds absolute paths: a copied or moved folder would go
 # on running the package it was copied from. The stamp is of this place.
 STAMP := $(VENV)/installed-$(shell pwd | cksum | cut -d' ' -f1)
+# The same with what only the checks need.
+TOOLS := $(VENV)/tools-$(notdir $(STAMP))
+INSTALL := -m pip install --quiet --disable-pip-version-check
 DEMO := out/sheared_cube
 # The parallel tests start this Python under mpirun: that of Debian, whose PETSc is compiled
 # for it and for NumPy 1, or one of BIPOT_MPI_PYTHON with petsc4py, mpi4py and this package.
@@ -78,18 +81,18 @@ rust-test: rust-lint
 	$(LINTED) cargo test $(CHECKED) --tests
 
 .PHONY: python-lint
-python-lint: $(STAMP)
+python-lint: $(TOOLS)
 	$(PY) -m ruff format --check .
 	$(PY) -m ruff check .
 
 .PHONY: types
-types: $(STAMP)
+types: $(TOOLS)
 	$(PY) -m mypy
 	$(PY) -m mypy tests/types/public_names.py
 	$(PY) -m mypy.stubtest bipot_rs._core
 
 .PHONY: python-test
-python-test: $(STAMP) $(MPI_READY)
+python-test: $(TOOLS) $(MPI_READY)
 	$(PY) -m pytest -n 2 --dist loadgroup
 
 .PHONY: no-petsc
@@ -97,7 +100,7 @@ no-petsc:
 	@echo "no PETSc here: the parallel tests are skipped (make mpi-test installs it)"
 
 .PHONY: mpi-test
-mpi-test: $(STAMP) ## install PETSc and MPI if they are missing (Debian, Ubuntu), and run the parallel tests
+mpi-test: $(TOOLS) ## install PETSc and MPI if they are missing (Debian, Ubuntu), and run the parallel tests
 	$(if $(BIPOT_MPI_PYTHON),,.ci/petsc install)
 	$(if $(BIPOT_MPI_PYTHON),,@$(MAKE) --no-print-directory $(MPI_STAMP))
 	$(PY) -m pytest -m "slow or not slow" tests/python/petsc tests/python/cli/test_mpirun.py
@@ -105,14 +108,14 @@ mpi-test: $(STAMP) ## install PETSc and MPI if they are missing (Debian, Ubuntu)
 # The package is that of .venv: its core fits any Python from 3.11 on.
 $(MPI_STAMP): $(STAMP) .ci/petsc
 	/usr/bin/python3 -m venv --clear --system-site-packages $(MPI_VENV)
-	$(MPI_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'numpy<2' \
-		'scipy>=1.11' h5py 'scikit-fem>=12' 'meshio>=5.3.5' 'argcomplete>=3.1' 'rich>=14' 'pydantic>=2.10' 'tomli-w>=1.1' 'matplotlib>=3.9'
+	$(PY) .ci/requirements.py cli > $(MPI_VENV)/requirements.txt
+	$(MPI_VENV)/bin/python $(INSTALL) 'numpy<2' --requirement $(MPI_VENV)/requirements.txt
 	cp -r $(VENV)/lib/python3*/site-packages/bipot_rs-*.dist-info $(MPI_VENV)/lib/python3*/site-packages/
 	echo '$(CURDIR)/python' > $$(echo $(MPI_VENV)/lib/python3*/site-packages)/bipot_rs.pth
 	@touch $@
 
 .PHONY: verify
-verify: $(STAMP) ## larger random classes and slow tests: before a change of numerics is called done
+verify: $(TOOLS) ## larger random classes and slow tests: before a change of numerics is called done
 	cargo clippy --release --locked --benches -- -Dwarnings
 	$(PY) -m pytest -m slow --timeout 3600
 	@$(MAKE) --no-print-directory frameworks-test
@@ -123,12 +126,12 @@ frameworks-test: $(FRAMEWORKS_STAMP) ## install JAX and PyTorch if they can be h
 
 # The tests of what cannot be installed are skipped. The stamp is made when both are there:
 # for an extra that it does not know, pip only prints a warning.
-$(FRAMEWORKS_STAMP): $(STAMP)
+$(FRAMEWORKS_STAMP): $(TOOLS)
 	$(PY) -m venv --clear $(FRAMEWORKS)
 	printf '%s\n' '$(CURDIR)/python' "$$($(PY) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
 		> $$(echo $(FRAMEWORKS)/lib/python3*/site-packages)/bipot_rs.pth
 	@all=yes; for extra in jax torch; do \
-		$(FRAMEWORKS)/bin/python -m pip install --quiet --disable-pip-version-check "bipot-rs[$$extra]" \
+		$(FRAMEWORKS)/bin/python $(INSTALL) "bipot-rs[$$extra]" \
 			&& $(FRAMEWORKS)/bin/python -c "import $$extra" \
 		|| { all=no; echo "the extra [$$extra] cannot be installed here: its tests are skipped"; }; \
 	done; if [ $$all = yes ]; then touch $@; fi
@@ -141,7 +144,7 @@ COVERED := out/coverage
 COUNTING := LLVM_PROFILE_FILE='$(CURDIR)/$(COVERED)/%4m.profraw'
 COUNTED := RUSTC_WORKSPACE_WRAPPER='$(CURDIR)/.ci/covered' $(COUNTING)
 .PHONY: coverage
-coverage: $(STAMP) ## what the tests reach of the solvers (needs llvm-tools of rustup, or llvm-22)
+coverage: $(TOOLS) ## what the tests reach of the solvers (needs llvm-tools of rustup, or llvm-22)
 	@test -x '$(LLVM)/llvm-cov' || { echo "no llvm-cov: rustup component add llvm-tools"; exit 1; }
 	rm -rf $(COVERED)
 	$(COUNTED) cargo test $(CHECKED) --tests
@@ -158,7 +161,7 @@ coverage: $(STAMP) ## what the tests reach of the solvers (needs llvm-tools of r
 		| $(PY) .ci/coverage_table.py src/law src/reduced src/solver src/proof
 
 .PHONY: mutations
-mutations: $(STAMP) ## plant faults, one at a time, and see that the tests find each: half an hour
+mutations: $(TOOLS) ## plant faults, one at a time, and see that the tests find each: half an hour
 	$(PY) tests/mutations/run_mutations.py
 
 # FCLIB=DIR: a folder with the files of FCLIB, which this repository does not hold.
@@ -202,7 +205,7 @@ bench-full: $(STAMP)
 	$(PY) benches/ratios.py
 
 .PHONY: verification
-verification: $(STAMP) ## docs/verification.md: answers known from elsewhere, beside ours
+verification: $(TOOLS) ## docs/verification.md: answers known from elsewhere, beside ours
 	PYTHONPATH=tests/python $(PY) -m cases.verification
 
 # Sphinx is installed when it is first wanted: no test needs it.
@@ -213,7 +216,7 @@ docs: $(SPHINX) ## the pages of docs/ as a site, in out/docs
 	@echo "the site:             $(CURDIR)/out/docs/index.html"
 
 $(SPHINX): pyproject.toml $(STAMP)
-	PATH='$(CURDIR)/$(VENV)/bin':"$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[docs]'
+	PATH='$(CURDIR)/$(VENV)/bin':"$$PATH" $(PY) $(INSTALL) --no-build-isolation --editable '.[docs]'
 	@touch $@
 
 .PHONY: wheel
@@ -233,7 +236,7 @@ lint-workflows: $(LINT)/bin/zizmor ## the workflows of .github: their schema, an
 
 $(LINT)/bin/zizmor: | prerequisites
 	$(PYTHON) -m venv --clear $(LINT)
-	$(LINT)/bin/python -m pip install --quiet --disable-pip-version-check 'zizmor>=1.32' 'check-jsonschema>=0.39'
+	$(LINT)/bin/python $(INSTALL) 'zizmor>=1.32' 'check-jsonschema>=0.39'
 
 .PHONY: picture
 picture: $(STAMP) ## the picture of the README
@@ -258,9 +261,18 @@ checks:
 
 # Without build isolation maturin runs from this environment, at the same path
 # each time: cargo then compiles only what changed. pip looks for maturin in PATH.
-$(STAMP): pyproject.toml Cargo.toml Cargo.lock $(shell find src -name '*.rs') | prerequisites
+# One job more than there are cores: the longest chain of crates then never waits for a core.
+$(STAMP): pyproject.toml Cargo.toml Cargo.lock .ci/requirements.py $(shell find src -name '*.rs') | prerequisites
 	$(PYTHON) -m venv $(VENV)
-	$(PY) -m pip install --quiet --disable-pip-version-check 'maturin>=1.16,<2'
+	$(PY) $(INSTALL) 'maturin>=1.16,<2'
 	@echo "compiling the core and installing: some three minutes, more on a busy machine"
-	PATH='$(CURDIR)/$(VENV)/bin':"$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[dev]'
+	$(PY) .ci/requirements.py cli > $(VENV)/requirements.txt
+	$(PY) $(INSTALL) --requirement $(VENV)/requirements.txt & \
+	CARGO_BUILD_JOBS=$$(($$(nproc) + 1)) PATH='$(CURDIR)/$(VENV)/bin':"$$PATH" \
+		$(PY) $(INSTALL) --no-build-isolation --no-deps --editable . && wait $$!
+	@touch $@
+
+$(TOOLS): $(STAMP)
+	$(PY) .ci/requirements.py dev > $(VENV)/requirements.txt
+	$(PY) $(INSTALL) --requirement $(VENV)/requirements.txt
 	@touch $@
