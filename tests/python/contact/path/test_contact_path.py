@@ -12,7 +12,7 @@ from support.numpy_engine import NumpyEngine, force_of, variables_of
 from support.pressed_in_space import pressed
 
 Array = NDArray[np.float64]
-SETTINGS = ("newton", 1e-12, None, None)
+SETTINGS = _core.Settings("newton", 1e-12, None, None)
 # η is 1e-12, and the answers of two methods differ by the condition of the contacts.
 CLOSE = 1e-10
 
@@ -38,7 +38,7 @@ class Case:
         fixed, moved = self.model.fixed, self.prescribed[k]
         zero = np.zeros(len(self.K))
         force = force_of(self.K, self.variables, zero, fixed, moved)
-        return path.step(engine, y, force, moved, None, *SETTINGS)
+        return path.step(engine, y, force, moved, None, SETTINGS)
 
     def direct(self) -> bp.Result:
         m = self.model
