@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import CsrMatrix, Floats
@@ -35,12 +34,16 @@ def rigid_motions(arm: Floats, reach: float = 1.0) -> Floats:
 
 def diagonal_matrix(values: Floats) -> CsrMatrix:
     """CSR array with ``values (n,)`` on its diagonal."""
+    from scipy import sparse  # a tenth of a second, which dense problems do not need
+
     diagonal: CsrMatrix = sparse.csr_array(sparse.diags_array(values))
     return diagonal
 
 
 def block_diagonal(blocks: Floats) -> CsrMatrix:
     """CSR array with blocks ``(n, d, d)`` on its diagonal."""
+    from scipy import sparse
+
     count, d, _ = blocks.shape
     places = np.arange(count), np.arange(count + 1)
     made = sparse.bsr_array((blocks, *places), shape=(d * count, d * count))

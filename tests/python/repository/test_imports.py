@@ -32,6 +32,11 @@ def loaded(code: str, folder: Path) -> set[str]:
 
 
 PROJECT = "import numpy as np, bipot_rs; bipot_rs.project(np.ones((2, 3)), 0.3)"
+REDUCED = """
+import bipot_rs as bp
+solution = bp.ReducedProblem([[2.0, 0.0], [0.0, 1.0]], [[-1.0, 0.75]], 0.5).solve()
+assert solution.converged
+"""
 # meshio imports rich.
 FILES = ("h5py", "meshio", "pydantic", "rich", "scipy")
 
@@ -41,6 +46,7 @@ FILES = ("h5py", "meshio", "pydantic", "rich", "scipy")
     [
         pytest.param("import bipot_rs", (), id="import"),
         pytest.param(PROJECT, (), id="project"),
+        pytest.param(REDUCED, (), id="reduced"),
         pytest.param(ARRAYS, ("scipy",), id="arrays"),
         pytest.param(COMMAND.format(["run", "--help"]), (), id="help of a command"),
         pytest.param(COMMAND.format(["scenes"]), (), id="scenes"),
@@ -58,7 +64,7 @@ FILES = ("h5py", "meshio", "pydantic", "rich", "scipy")
         ),
     ],
 )
-@pytest.mark.quick_variants("project", "help of a command", "json")
+@pytest.mark.quick_variants("project", "reduced", "help of a command", "json")
 def test_loads_only_what_it_uses(
     code: str, used: tuple[str, ...], tmp_path: Path
 ) -> None:
