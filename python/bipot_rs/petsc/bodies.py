@@ -227,7 +227,9 @@ def rigid_motions(
     low, high = _reduce_all(comm, low, op=MPI.MIN), _reduce_all(comm, high, op=MPI.MAX)
     arm = coordinates[::d] - (0.5 * low + 0.5 * high)
     reach = float((high - low).max()) or 1.0
-    return matrices.rigid_motions(arm, reach).reshape(rows, -1)
+    motions = matrices.rigid_motions(arm, reach)
+    # A rank without nodes has no rows, of which -1 would tell no number of motions.
+    return motions.reshape(rows, motions.shape[2])
 
 
 def _reduce_all(comm: Communicator, values: Array, **operation: object) -> Array:

@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import bipot_rs as bp
+from bipot_rs.petsc.bodies import rigid_motions
 from support import mpi, two_blocks
 from support.body_models import floating, on_springs, sliding_freely
 from support.pressed_in_space import arrays, pressed
@@ -234,3 +236,17 @@ def test_k_is_never_gathered() -> None:
         # much again for their numbers. The whole K would take more.
         share = rank["own"] / K.shape[0]
         assert rank["peak"] < 2.5 * 1.5 * whole * share + 1e7
+
+
+@pytest.mark.parametrize(("d", "motions"), [(2, 3), (3, 6)])
+def test_motions_of_a_rank_without_nodes(d: int, motions: int) -> None:
+    """The box around all nodes comes from the other ranks."""
+    corner = {"min": np.zeros(d), "max": np.ones(d)}
+
+    class Ranks:
+        def Allreduce(self, _own: Any, whole: Any, op: str) -> None:
+            whole[:] = corner[op]
+
+    names: Any = SimpleNamespace(MIN="min", MAX="max")
+    found = rigid_motions(Ranks(), names, np.zeros((0, d)), 0, d)
+    assert found.shape == (0, motions)
