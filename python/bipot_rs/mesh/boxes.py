@@ -6,7 +6,7 @@ scikit-fem.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -214,7 +214,7 @@ def box(axes: Sequence[ArrayLike], cell: str) -> ElementMesh:
 def box_mesh(axes: Sequence[ArrayLike], cell: str) -> BoxMesh:
     """As `box`, without scikit-fem."""
     given: Any = axes
-    if not isinstance(given, (Sequence, np.ndarray)) or isinstance(given, str):
+    if not isinstance(given, Iterable) or isinstance(given, str):
         raise TypeError(
             f"axes is {show_value(axes)}, expected grid points of each axis"
         )

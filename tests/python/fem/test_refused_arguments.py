@@ -111,3 +111,16 @@ def test_finite_elements() -> None:
     ):
         for bad in values:
             refused(lambda call=call, bad=bad: call(bad), *words)
+
+
+def test_arrays_sets_and_iterators_are_taken() -> None:
+    known = contact()
+    assert (contact(plane=np.array(PLANE)).gap == known.gap).all()
+    for components in ({0, 1}, range(2), np.arange(2)):
+        held: Any = fem.Support("block", "top", components)
+        model = fem.assemble(
+            [BODY], [fem.Contact("block", "bottom", 0.3, PLANE)], [held]
+        )
+        assert (model.fixed == known.fixed).all()
+    axes: Any = (np.array([0.0, 1.0]) for _ in range(2))
+    assert fem.box(axes, "triangle").nelements == 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -258,7 +258,7 @@ def _find_dofs(bodies: NumberedBodies, support: Support) -> Ints:
     """Degrees of freedom of a support, ``(components, nodes)``."""
     numbered, components = bodies[support.body], list(range(bodies.dim))
     given: Any = support.components
-    if not isinstance(given, (Sequence, np.ndarray)) or isinstance(given, str):
+    if not isinstance(given, Collection) or isinstance(given, str):
         raise TypeError(
             f"components of the support on {support.surface!r} are {show_value(given)}, "
             f"expected some of {components}"

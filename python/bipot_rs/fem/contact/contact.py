@@ -164,7 +164,7 @@ def rigid_obstacle(contact: Contact, dim: int) -> Obstacle:
     if contact.obstacle is not None:
         return contact.obstacle
     what = f"plane of the contact on {contact.surface!r}"
-    if not isinstance(contact.plane, (tuple, list)) or len(contact.plane) != 2:
+    if not isinstance(contact.plane, (Sequence, np.ndarray)) or len(contact.plane) != 2:
         raise ValueError(f"{what} is {contact.plane!r}, expected (point, normal)")
     point, normal = (floats(what, a) for a in contact.plane)
     if point.shape != (dim,) or normal.shape != (dim,):
