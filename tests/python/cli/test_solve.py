@@ -90,6 +90,17 @@ def test_gaps_of_listed_nodes(tmp_path: Path) -> None:
     assert read.area is None
 
 
+def test_a_node_that_an_included_file_repeats(tmp_path: Path) -> None:
+    (tmp_path / "K.mtx").write_text("")
+    (tmp_path / "contacts.csv").write_text("node,nx,ny,mu\n7,0,1,0.3\n")
+    (tmp_path / "more.inp").write_text("** more\n*NODE\n3, 1, 0\n7, 1, 1\n")
+    deck = tmp_path / "nodes.inp"
+    deck.write_text("*NODE\n7, 0, 0\n*INCLUDE, INPUT=more.inp\n")
+    told = r"more\.inp line 4: repeats node 7 of .*nodes\.inp line 2$"
+    with pytest.raises(ValueError, match=told):
+        matrix_files.read(tmp_path / "K.mtx", tmp_path / "contacts.csv", deck)
+
+
 Edit = Callable[[str], str]
 
 

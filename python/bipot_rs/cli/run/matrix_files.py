@@ -185,21 +185,24 @@ def _read_nodes(path: Path) -> _Nodes:
         axes = [table.numbers(axis) for axis in _AXES if axis in table.names]
         labels = table.integers("node").tolist()
         places = np.stack(axes, axis=1).tolist()
-        rows = list(zip(labels, table.lines, places, strict=True))
-    seen: dict[int, int] = {}
-    for label, line, _ in rows:
+        lines = [(path, line) for line in table.lines]
+        rows = list(zip(labels, lines, places, strict=True))
+    seen: dict[int, tuple[Path, int]] = {}
+    for label, (file, line), _ in rows:
         if label in seen:
+            first, of_first = seen[label]
+            before = "" if first == file else f"{first} "
             raise ValueError(
-                f"{path} line {line}: repeats node {label} of line {seen[label]}"
+                f"{file} line {line}: repeats node {label} of {before}line {of_first}"
             )
-        seen[label] = line
+        seen[label] = file, line
     if not rows:
         raise ValueError(f"{path} has no nodes")
     places = [place for _, _, place in rows]
     return _Nodes(path, np.array(list(seen), np.int64), np.array(places, np.float64))
 
 
-def _read_block(block: Section) -> Iterator[tuple[int, int, list[float]]]:
+def _read_block(block: Section) -> Iterator[tuple[int, tuple[Path, int], list[float]]]:
     """Label, line and three coordinates of each node; missing coordinates are zero."""
     if "INPUT" in block.parameters or block.named("SYSTEM")[:1] in ("C", "S"):
         raise ValueError(
@@ -217,7 +220,7 @@ def _read_block(block: Section) -> Iterator[tuple[int, int, list[float]]]:
             raise ValueError(
                 f"{block.path} line {line}: is {text!r}, expected label, x, y, z"
             )
-        yield label, line, place + [0.0] * (3 - len(place))
+        yield label, (block.path, line), place + [0.0] * (3 - len(place))
 
 
 class _Dofs:
