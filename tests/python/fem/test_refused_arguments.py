@@ -116,8 +116,9 @@ def test_finite_elements() -> None:
 def test_arrays_sets_and_iterators_are_taken() -> None:
     known = contact()
     assert (contact(plane=np.array(PLANE)).gap == known.gap).all()
-    for components in ({0, 1}, range(2), np.arange(2)):
-        held: Any = fem.Support("block", "top", components)
+    every: Any = ({0, 1}, range(2), np.arange(2))
+    for components in every:
+        held = fem.Support("block", "top", components)
         model = fem.assemble(
             [BODY], [fem.Contact("block", "bottom", 0.3, PLANE)], [held]
         )

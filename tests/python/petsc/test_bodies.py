@@ -247,6 +247,7 @@ def test_motions_of_a_rank_without_nodes(d: int, motions: int) -> None:
         def Allreduce(self, _own: Any, whole: Any, op: str) -> None:
             whole[:] = corner[op]
 
+    ranks: Any = Ranks()
     names: Any = SimpleNamespace(MIN="min", MAX="max")
-    found = rigid_motions(Ranks(), names, np.zeros((0, d)), 0, d)
+    found = rigid_motions(ranks, names, np.zeros((0, d)), 0, d)
     assert found.shape == (0, motions)
