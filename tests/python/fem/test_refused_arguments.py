@@ -125,3 +125,18 @@ def test_arrays_sets_and_iterators_are_taken() -> None:
         assert (model.fixed == known.fixed).all()
     axes: Any = (np.array([0.0, 1.0]) for _ in range(2))
     assert fem.box(axes, "triangle").nelements == 2
+
+
+def test_parts_of_a_model_may_be_iterators() -> None:
+    parts: dict[str, Any] = {
+        "contacts": [fem.Contact("block", "bottom", 0.3, PLANE)],
+        "supports": [fem.Support("block", "top", (0, 1))],
+        "symmetries": [fem.Symmetry("block", "left")],
+        "springs": [fem.Spring("block", "right", stiffness=1.0)],
+        "remotes": [fem.Remote("pin", "block", "right", (1.0, 0.5), (0,))],
+    }
+    known = fem.assemble([BODY], **parts)
+    for name, part in parts.items():
+        found = fem.assemble([BODY], **parts | {name: iter(part)})
+        assert (found.fixed == known.fixed).all(), name
+        assert (found.K != known.K).nnz == 0, name

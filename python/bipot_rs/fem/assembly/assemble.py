@@ -85,6 +85,10 @@ def assemble(
         Names that do not exist or repeat, nodes of a pair that do not match,
         a normal of length zero: the message has the name and the place.
     """
+    # Iterators too: each is read several times.
+    contacts, supports, symmetries = [*contacts], [*supports], [*symmetries]
+    springs, remotes = [*springs], [*remotes]
+    repetitions, bolts = [*repetitions], [*bolts]
     for part in (
         *(*contacts, *supports, *symmetries, *springs),
         *(*remotes, *repetitions, *bolts),
