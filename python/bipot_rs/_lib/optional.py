@@ -84,7 +84,8 @@ def lazily(package: str) -> tuple[Callable[[str], object], Callable[[], list[str
         try:
             members = vars(import_module(module))
             # Also a module of a package.
-            value = members.get(there) or import_module(f"{module}.{there}")
+            found = there in members
+            value = members[there] if found else import_module(f"{module}.{there}")
         except MissingLibraryError:
             raise
         except ModuleNotFoundError as error:
